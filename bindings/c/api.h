@@ -25,6 +25,7 @@ struct SltProgram {
     SltOptions opt; /* what it points at lies in the session */
     PassCtx passes;
     Target target;
+    int source; /* of session->sources: the file or string that was compiled */
 
     atomic_bool in_use;           /* by a public function that reads or writes what follows */
     _Atomic(const void *) holder; /* the thread whose fit holds the program, as call.c names threads; NULL: none */
@@ -131,6 +132,10 @@ uint32_t api_geometry_queries(const Fn *fn, uint32_t geometry); /* bit (1 << Slt
 void api_geometries_want(SltProgram *p, const Fn *fn); /* fn will run: the next api_geometries makes what fn asks for */
 /* Makes the geometries that compiled kernels ask for; those that are there follow their numbers in flt. */
 SltStatus api_geometries(SltProgram *p, SltError *err);
+
+/* ---- program.c: the source of p with more text behind it and another entry, under the options of p. As
+ * slt_compile_string. */
+SltStatus api_compile_beside(const SltProgram *p, const char *more, const char *entry, SltProgram **out);
 
 /* ---- values.c */
 void api_flt_from(SltProgram *p, const double *values, uint32_t base,

@@ -354,6 +354,7 @@ struct Func {
     Span tangent_span;
     Func *tangent;
     bool nodisc; /* [NoDisc] covers the whole body */
+    bool jumps;  /* of the standard library: [Disc] at a call makes sites in it, as of a jumping builtin */
     bool uses_rand;
     /* shaders */
     uint32_t dim; /* 1..3 */

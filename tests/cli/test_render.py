@@ -360,6 +360,23 @@ class Render(Case):
         self.assertEqual(self.get("old.exr"), b"old")
         self.no_leftovers("old.exr")
 
+    def test_address_space(self):
+        # Whatever memory there is beyond the process itself: done, or status 6 and the cause in words. The loader says
+        # of LLVM only that it could not be mapped.
+        if os.environ.get("SALTUS_SANITIZE"):
+            self.skipTest("the sanitizer takes terabytes of address space")
+        self.put("c.salt", CIRCLE)
+        codes = set()
+        for mib in (14, 20, 30, 40, 60, 80, 100, 130, 150, 160, 170, 180, 190, 200, 220, 240, 270, 300, 4096):
+            p = subprocess.run([BIN, "render", "c.salt", "--no-cache", "--size", "4", "--threads", "2", "-o", "a.pfm"], cwd=self.dir, capture_output=True, env=self.environment(),
+                               preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (mib << 20, mib << 20)))
+            self.assertIn(p.returncode, (0, 6), (mib, p.stderr))
+            if p.returncode:
+                self.assertIn(b"out of memory", p.stderr, mib)
+            codes.add(p.returncode)
+        self.assertEqual(codes, {0, 6})
+        self.no_leftovers("a.pfm")
+
     def test_time_limit(self):
         self.put("slow.salt", "shader float main(float2 x) { float s = 0.0; for (int i = 0; i < 100000; i++) s += sin(x.x * i + s); return s; }")
         start = self.processor()

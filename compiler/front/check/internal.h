@@ -61,6 +61,7 @@ typedef struct FuncInfo {
     Span cull_span; /* first [Cull] in the function or in what it calls */
     uint8_t color;  /* call graph: 0 new, 1 on the stack, 2 done */
     bool signature_ok, duplicate;
+    uint8_t jumps;        /* disc.c's own */
     bool looked_for_site; /* first_site is known */
     Expr *first_site;     /* the first jump written in the body, for notes; NULL: none */
 } FuncInfo;
