@@ -544,6 +544,21 @@ shader float main(float2 x) {
         got = self.json_cli("render", "g.frag", "--size", 1, "--param", "v=@v.npy")["mean"]
         for k in range(2):
             self.assertAlmostEqual(got[k], (1 + .3 + 1.2 + 2.8, .3 * .7)[k] + 4 - texel(1, 2, 0)[k], 5)
+        self.put("v3.salt", "param float2 p = float2(0.5); shader float main(float3 x) { return p.x * x.z; }")
+        self.json_cli("grad", "v3.salt", "--size", "2x3x2", "--wrt", "p.x", "-o", "d.npy")
+        shape, values = read_npy(self.get("d.npy"))
+        self.assertEqual(tuple(shape), (2, 3, 2, 3))  # the volume, its derivative, crossings
+        for at, v in enumerate(values):
+            self.assertAlmostEqual(v, (0.125, 0.25, 0, 0.375, 0.75, 0)[at % 3 + 3 * (at >= 18)], 1)
+        # a volume as the target of a fit, from every kind of file, and what the fit writes as one
+        self.put("f.salt", "param texture3D v = zeros(6, 5, 4, 2); shader float2 main(float3 x) { return v.sample(x).xy; }")
+        for name in ("v.npy", "one.exr", "stack/", "s%03d.exr"):
+            j = self.json_cli("fit", "f.salt", "--target", name, "--iters", 30, "--lr", 0.5, "--spp", 2, "-o", "fit/")
+            self.assertLess(j["loss"], 0.02 * j["initial_loss"])
+        a = self.json_cli("render", "f.salt", "--size", "6x5x4", "--params", "fit/fitted.json", "--centres")["mean"]
+        self.assertEqual(a, self.json_cli("render", "f.salt", "--size", "6x5x4", "--param", "v=@fit/v.exr", "--centres")["mean"])
+        self.assertIn("4 slices", self.run_cli("fit", "f.salt", "--target", "v.npy", "--size", "6x5x3", "--iters", 1, code=4).err)
+        self.assertIn("smoothed", self.run_cli("fit", "f.salt", "--target", "v.npy", "--smooth", "v=1", "--iters", 1, code=2).err)
         self.run_cli("render", "s.salt", "--size", "6x4x1", "-o", "stack/0002.exr")
         for bad in ("none%d.exr", "flat.npy", "empty/", "s.salt", "stack"):
             self.put("flat.npy", write_npy((2, 2), [0] * 4))
