@@ -70,6 +70,14 @@ SltStatus values_read_image(Stage *s, const Param *q, const char *path) {
     return status;
 }
 
+SltStatus values_fill(Stage *s, const Param *q, const char *path, const double *v, size_t n) {
+    ShapeCursor c = {q->fbase, q->ibase};
+    size_t at = 0;
+    if (fill_numbers(s, q->type, &c, v, n, &at) == SLT_OK && at == n) return SLT_OK;
+    return status_fail(s->err, SLT_INPUT, "%s holds %zu numbers, but `%s` (%s) wants %u", path, n, q->name,
+                       q->type->name, q->fcount + q->icount);
+}
+
 SltStatus values_read_file(Stage *s, const Param *q, const char *path) {
     if (ends_with(path, ".json")) {
         uint8_t *bytes;
@@ -89,14 +97,11 @@ SltStatus values_read_file(Stage *s, const Param *q, const char *path) {
         return status;
     }
     if (param_is_image(q)) return values_read_image(s, q, path);
+    if (values_is_mesh(path)) return values_read_mesh(s, q, path);
     Table t;
     SltStatus status = table_read(path, &t, s->err);
     if (status != SLT_OK) return status;
-    ShapeCursor c = {q->fbase, q->ibase};
-    size_t at = 0, n = t.rows * t.cols;
-    if (fill_numbers(s, q->type, &c, t.data, n, &at) != SLT_OK || at != n)
-        status = status_fail(s->err, SLT_INPUT, "%s holds %zu numbers, but `%s` (%s) wants %u", path, n, q->name,
-                             q->type->name, q->fcount + q->icount);
+    status = values_fill(s, q, path, t.data, t.rows * t.cols);
     table_free(&t);
     return status;
 }
@@ -183,6 +188,10 @@ bool api_probe_asset(void *user, const char *path, const Symbol *of, uint32_t di
         ImageReadOptions raw = {.raw = geometry};
         int depth = 0;
         bool volume = of->type->kind == T_TEXTURE3D;
+        if (volume && p->session->sandbox && volume_is_stack(path)) { /* each slice may be a link that leads out */
+            *why = "a sandbox allows no stacks of files";
+            return false;
+        }
         SltStatus status = volume ? volume_read(path, &raw, &im, &depth, &err) : image_read(path, &raw, &im, &err);
         if (status != SLT_OK) return cannot_probe(p, &err, why);
         *ndims = volume ? 4 : 3;
@@ -192,6 +201,8 @@ bool api_probe_asset(void *user, const char *path, const Symbol *of, uint32_t di
         image_free(&im);
         return true;
     }
+    if (values_is_mesh(path))
+        return values_probe_mesh(path, of->type, dims, ndims, &err) == SLT_OK || cannot_probe(p, &err, why);
     if (ends_with(path, ".npy")) {
         NumArray a;
         if (npy_read(path, &a, &err) != SLT_OK) return cannot_probe(p, &err, why);

@@ -41,6 +41,8 @@ static bool slice_path(const char *pattern, int slice, char path[PATH_SIZE]) {
            PATH_SIZE;
 }
 
+bool volume_is_stack(const char *path) { return pattern_in(path).at || is_folder(path); }
+
 /* ---- reading */
 
 static SltStatus read_npy(const char *path, Image *out, int *depth, SltError *err) {

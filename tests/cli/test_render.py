@@ -522,6 +522,24 @@ shader float main(float2 x) {
         os.remove(self.path("pts.npy"))
         self.assertIn("pts.npy", self.run_cli("render", "o.salt", "--size", 2, code=4).err)
 
+    def test_meshes(self):
+        self.put("m.obj", "o a\nv 0 0 0\nv 2 0 0\nv 2 2 0\nv 0 2 0\nvt 0 0\nvt 1 0\nvt 1 0.5\nf 1/1 2/2 3/3 4\ng b\nv 0 0 4\nf 1 2 -1\n")
+        self.put("m.ply", "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
+        self.put("m.salt", """param float3 v[] = "m.obj"; param int3 f[] = "m.obj"; param float3 n[] = "m.obj:normals"; param float2 uv[][3] = "m.obj:uv"; param int part[] = "m.obj:parts";
+shader float4 main(float2 x) {
+    float area = 0.0;
+    for (int i = 0; i < len(f); i++) area += 0.5 * length(cross(v[f[i].y] - v[f[i].x], v[f[i].z] - v[f[i].x]));
+    return float4(area, len(v), n[2].z + 10.0 * uv[1][1].x + 100.0 * uv[1][2].x, 10.0 * part[0] + part[2]);
+}""")
+        j = self.json_cli("render", "m.salt", "--size", 2)
+        self.assertEqual(j["mean"], [8, 5, 11, 1])
+        self.put("one.salt", "param float3 v[] = {float3(1.0)}; param uint f[][3] = {{0u, 0u, 0u}}; shader float3 main(float2 x) { return float3(len(v), v[f[0][1]].x, len(f)); }")
+        self.assertEqual(self.json_cli("render", "one.salt", "--size", 1, "--param", "v=@m.ply", "--param", "f=@m.ply")["mean"], [3, 1, 1])
+        g = self.json_cli("grad", "m.salt", "--integral", "--samples", 64, "--wrt", "v")["gradient"]["v"]
+        self.assertAlmostEqual(g[4][2][0], 1, 4)
+        for path, said in (("m.obj:edges", "no `edges`"), ("m.obj:faces", "integers"), ("m.ply:uv", "no texture coordinates"), ("none.obj", "none.obj"), ("none.obj:faces", "integers")):
+            self.assertIn(said, self.run_cli("render", "one.salt", "--param", "v=@" + path, code=4).err)
+
     def test_volumes(self):
         self.put("s.salt", "shader float2 main(float3 x) { return float2(1.0 + x.x + 2.0 * x.y + 4.0 * x.z, x.x * x.z); }")
         self.put("v.salt", 'param texture3D v = "v.npy"; param float3 p = float3(0.3, 0.6, 0.7); shader float4 main(float x) { return v.sample(p); }')

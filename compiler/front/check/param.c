@@ -154,13 +154,20 @@ static ParamFile *file_override(Checker *c, const char *name) {
     return NULL;
 }
 
+/* The file of a path that may name a part of it, `spot.obj:normals`. */
+static const char *file_of(Checker *c, const char *path) {
+    const char *colon = strrchr(path, ':');
+    return !colon || strchr(colon, '/') ? path : arena_strndup(&c->s->session, path, (size_t)(colon - path));
+}
+
 static bool probe_asset(Checker *c, const Symbol *sym, uint32_t dims[4], uint32_t *ndims) {
     const char *why = NULL;
     bool ok = false;
     *ndims = 0;
     bool own = !file_override(c, sym->doc_name); /* the source names it, and not the caller */
     if (!c->opt || !c->opt->probe) why = "files cannot be read here";
-    else if (!own || session_allows(c->s, sym->asset_text, sym->asset, &why))
+    else if (!own || (session_allows(c->s, sym->asset_text, sym->asset, &why) &&
+                      session_allows(c->s, sym->asset_text, file_of(c, sym->asset), &why)))
         ok = c->opt->probe(c->opt->probe_user, sym->asset, sym, dims, ndims, &why);
     if (ok) return true;
     diag_emit(c->s, DIAG_bad_asset, sym->value_span.file >= 0 ? sym->value_span : sym->span, sym->asset,
