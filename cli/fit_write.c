@@ -12,9 +12,9 @@
 /* Before the fit: a picture that there is no memory for is no reason to lose hours of work, nor to leave it out. */
 SltStatus fit_create_frames(Fit *f, SltError *err) {
     const uint32_t *size = f->c->job.size;
-    SltStatus s = SLT_OK;
+    SltStatus s = SLT_OK; /* of a volume the slices, below each other */
     for (uint32_t k = 0; k < FRAMES - 1 && k < f->c->iters && s == SLT_OK; k++)
-        s = image_create(&f->frames[k], (int)size[0], (int)size[1], (int)slt_channels(f->p), err);
+        s = image_create(&f->frames[k], (int)size[0], (int)(size[1] * size[2]), (int)slt_channels(f->p), err);
     return s;
 }
 
@@ -66,7 +66,8 @@ static SltStatus write_relief(const char *path, const SltParam *q, const Image *
     return s;
 }
 
-/* Every texture and geometry that was optimised: NAME.exr to go on with, NAME.png to look at. */
+/* Every texture and geometry that was optimised: NAME.exr to go on with, NAME.png to look at; of a volume its slices
+ * below each other. */
 static SltStatus write_grids(Fit *f, SltError *err) {
     char path[4096], name[512];
     for (uint32_t k = 0; k < slt_param_count(f->p); k++) {
@@ -74,12 +75,14 @@ static SltStatus write_grids(Fit *f, SltError *err) {
         slt_param(f->p, k, &q);
         if ((!q.is_texture && !q.is_heightfield) || !q.fcount || !slt_wrt_mask(f->p)[q.fbase]) continue;
         Image im;
-        SltStatus s = image_create(&im, (int)q.tex_w, (int)q.tex_h, (int)q.tex_c, err);
+        uint32_t slices = q.tex_d ? q.tex_d : 1;
+        SltStatus s = image_create(&im, (int)q.tex_w, (int)(q.tex_h * slices), (int)q.tex_c, err);
         if (s != SLT_OK) return s;
         for (uint32_t i = 0; i < q.fcount; i++) im.data[i] = (float)slt_floats(f->p)[q.fbase + i];
         snprintf(name, sizeof name, "%.500s.exr", q.name);
         s = join(path, sizeof path, f->c->output, name, err);
-        if (s == SLT_OK) s = image_write(path, &im, NULL, err);
+        if (s == SLT_OK)
+            s = q.tex_d ? volume_write(path, &im, (int)slices, NULL, err) : image_write(path, &im, NULL, err);
         snprintf(name, sizeof name, "%.500s.png", q.name);
         if (s == SLT_OK) s = join(path, sizeof path, f->c->output, name, err);
         if (s == SLT_OK) s = q.is_heightfield ? write_relief(path, &q, &im, err) : image_write(path, &im, NULL, err);
@@ -126,14 +129,15 @@ static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
     if (s == SLT_OK) s = write_grids(f, err);
     if (s != SLT_OK || f->c->minimize) return s;
     Image im;
-    if ((s = image_create(&im, (int)f->c->job.size[0], (int)f->c->job.size[1], (int)ch, err)) != SLT_OK) return s;
+    const uint32_t *size = f->c->job.size;
+    if ((s = image_create(&im, (int)size[0], (int)(size[1] * size[2]), (int)ch, err)) != SLT_OK) return s;
     SltJob job = f->c->job;
     job.cancel = NULL;
     for (uint32_t k = 0; k < ch; k++) image_set_name(&im, (int)k, report_channel(ch, k));
     report_metadata(&im, f->c, f->p); /* before the values of a view replace the common ones */
     s = render_first_view(f, &job, im.data, err);
     if (s == SLT_OK && (s = join(path, sizeof path, dir, "image.exr", err)) == SLT_OK)
-        s = image_write(path, &im, NULL, err);
+        s = slt_dim(f->p) == 3 ? volume_write(path, &im, (int)size[2], NULL, err) : image_write(path, &im, NULL, err);
     ImageWriteOptions png = {.raw = slt_is_display(f->p)};
     if (s == SLT_OK && (s = join(path, sizeof path, dir, "image.png", err)) == SLT_OK)
         s = image_write(path, &im, &png, err);

@@ -10,6 +10,8 @@ static SltStatus find_grid(SltFit *f, const SltFitNumber *smooth, OptimiseGrid *
     if (status != SLT_OK) return status;
     const Type *t = at.type;
     uint32_t w = 1, h = 1, channels = 1;
+    if (param_is_image(at.param) && at.param->tex_d)
+        return status_fail(err, SLT_USAGE, "`%s` cannot be smoothed: a grid of two dimensions is wanted", smooth->name);
     if (param_is_image(at.param)) {
         w = at.param->tex_w, h = at.param->tex_h, channels = at.param->tex_c;
     } else if (t->kind == T_ARRAY) {
@@ -53,8 +55,8 @@ static SltStatus apply_mask(const SltFit *f, const SltFitMask *m, double *rate, 
     if (status != SLT_OK) return status;
     uint64_t cells = (uint64_t)m->width * m->height;
     bool resource = param_is_image(at.param);
-    if (!m->factors ||
-        (resource ? m->width != at.param->tex_w || m->height != at.param->tex_h : !cells || at.fcount % cells))
+    uint64_t rows = (uint64_t)at.param->tex_h * (at.param->tex_d ? at.param->tex_d : 1); /* slices below each other */
+    if (!m->factors || (resource ? m->width != at.param->tex_w || m->height != rows : !cells || at.fcount % cells))
         return status_fail(err, SLT_INPUT, "the mask of `%s` is %u x %u, but there are %u number%s%s", m->name,
                            m->width, m->height, at.fcount, at.fcount == 1 ? "" : "s",
                            resource ? " in another shape" : "");

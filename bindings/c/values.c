@@ -50,7 +50,8 @@ static void describe(const Param *q, SltParam *out) {
                       .doc = q->attrs.doc,
                       .tex_w = q->tex_w,
                       .tex_h = q->tex_h,
-                      .tex_c = q->tex_c};
+                      .tex_c = q->tex_c,
+                      .tex_d = q->tex_d};
     shape_describe(q, q->type, out);
 }
 

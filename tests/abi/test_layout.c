@@ -289,6 +289,7 @@ static void write_layout(FILE *out) {
     MEMBER(SltParam, extent);
     MEMBER(SltParam, height_scale);
     MEMBER(SltParam, height_offset);
+    MEMBER(SltParam, tex_d);
     END(SltParam);
     ENUM(SltFitMetric);
     VALUE(SLT_FIT_L2);

@@ -205,8 +205,7 @@ Type *unify(Checker *c, Type *a, Type *b) {
 }
 
 bool is_texture_result(const Expr *e) {
-    return e->kind == E_METHOD && (e->method == M_SAMPLE || e->method == M_NEAREST || e->method == M_LOAD) && e->type &&
-           e->type->kind == T_VECTOR;
+    return e->kind == E_METHOD && methods[e->method].signature[0] == '4' && e->type && e->type->kind == T_VECTOR;
 }
 
 int conversion_cost(Expr *e, const Type *to, unsigned flags) {
