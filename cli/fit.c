@@ -26,7 +26,10 @@ static int apply_scene_params(Fit *f) {
     for (uint32_t k = 0; k < f->scene.nparams; k++) {
         FitParam *q = &f->scene.params[k];
         SltParam found = SLT_PARAM_INIT;
-        if (slt_param_find(f->p, q->name, &found, &err) != SLT_OK) return fail_scene(f, &err);
+        bool many = strstr(q->name, "[*]") != NULL; /* a pattern has rates only */
+        if (!many && slt_param_find(f->p, q->name, &found, &err) != SLT_OK) return fail_scene(f, &err);
+        if (many && (q->value || q->file || q->mask || q->smooth >= 0 || q->grad == 0))
+            return cli_error(SLT_INPUT, "params: `%s` is many parameters: of these \"lr\" and \"grad\": true", q->name);
         bool set = !on_command_line(f->c, q->name);
         if (set && q->value && slt_set_text(f->p, q->name, q->value, &err) != SLT_OK) return fail_scene(f, &err);
         if (set && q->file) {
@@ -187,6 +190,9 @@ static int fit(Fit *f) {
     f->opt.iterated = iterated, f->opt.iterated_user = f;
     f->opt.metric = c->loss ? (SltFitMetric)cli_choice(CLI_LOSSES, c->loss) : SLT_FIT_L2;
     f->opt.huber_delta = c->huber_delta, f->opt.loss_entry = c->loss_entry;
+    f->opt.views_per_step = c->views_per_step;
+    f->opt.schedule = (SltFitSchedule)c->schedule, f->opt.decay = c->decay;
+    f->opt.beta1 = c->beta1, f->opt.beta2 = c->beta2;
     if (c->loss_command) f->opt.loss = ask_program, f->opt.loss_user = f, f->opt.loss_name = c->loss_command;
     return run(f);
 }

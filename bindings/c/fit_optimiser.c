@@ -1,6 +1,7 @@
 /* The optimiser of a fit: learning rates, bounds, scales and smoothing of its floats. */
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "bindings/c/fit_inner.h"
 
@@ -40,10 +41,17 @@ static SltStatus find_grid(SltFit *f, const SltFitNumber *smooth, OptimiseGrid *
 }
 
 static SltStatus set_rate(const SltFit *f, const SltFitNumber *given, double *rate, SltError *err) {
-    ParamRef at = {.fcount = f->p->prog->nfloats};
-    SltStatus status = given->name ? fit_find_param(f->p, given->name, "learning rate", &at, err) : SLT_OK;
+    uint32_t nfloats = f->p->prog->nfloats;
+    ParamPattern named;
+    const char *why = NULL;
+    uint8_t *mark = calloc(nfloats + 1, 1);
+    SltStatus status = mark ? SLT_OK : fit_out_of_memory(err);
+    if (mark && !given->name) memset(mark, 1, nfloats);
+    else if (mark && program_find_pattern(f->p->prog, given->name, &named, &why)) program_mark(&named, mark);
+    else if (mark) status = status_fail(err, SLT_USAGE, "learning rate: %s", why ? why : "it has no name");
     for (uint32_t i = 0; status == SLT_OK && i < f->n; i++)
-        if (f->index[i] >= at.fbase && f->index[i] < at.fbase + at.fcount) rate[i] = given->value;
+        if (mark[f->index[i]]) rate[i] = given->value;
+    free(mark);
     return status;
 }
 

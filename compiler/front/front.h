@@ -108,4 +108,13 @@ typedef struct ParamRef {
 bool program_find(const Program *p, const char *name, ParamRef *out,
                   const char **why); /* why suggests the nearest name */
 
+/* Many at once: an index may be a star, "discs[*].centre". */
+enum { PARAM_MAX_STARS = 8 };
+typedef struct ParamPattern {
+    ParamRef at;                                                      /* with 0 for every star */
+    uint32_t nstars, count[PARAM_MAX_STARS], stride[PARAM_MAX_STARS]; /* elements, and floats from one to the next */
+} ParamPattern;
+bool program_find_pattern(const Program *p, const char *name, ParamPattern *out, const char **why);
+void program_mark(const ParamPattern *pattern, uint8_t *floats); /* sets floats[i] to 1 where i is of the pattern */
+
 #endif

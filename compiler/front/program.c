@@ -53,9 +53,16 @@ static const Param *find_param(const Program *p, const char *name, size_t *len) 
     return best;
 }
 
-static bool step_index(const Program *p, ParamRef *r, uint32_t n, Type *elem, Counts each, const char **at,
-                       const char *start, const char **why) {
+static bool step_index(const Program *p, ParamRef *r, ParamPattern *stars, uint32_t n, Type *elem, Counts each,
+                       const char **at, const char *start, const char **why) {
     Arena *a = &p->session->session;
+    if (stars && !strncmp(*at, "[*]", 3) && stars->nstars < PARAM_MAX_STARS) {
+        stars->count[stars->nstars] = n, stars->stride[stars->nstars++] = each.f;
+        r->fcount = each.f, r->icount = each.i;
+        r->type = elem;
+        *at += 3;
+        return true;
+    }
     char *end;
     unsigned long v = isdigit((unsigned char)(*at)[1]) ? strtoul(*at + 1, &end, 10) : (end = (char *)*at, 0);
     if (*end != ']') return fail(p, why, arena_printf(a, "`%s`: an index is a number in brackets", start));
@@ -105,7 +112,7 @@ static bool step_field(const Program *p, ParamRef *r, const char **at, const cha
                              near ? ", did you mean `" : "", near ? near : "", near ? "`?" : ""));
 }
 
-bool program_find(const Program *p, const char *name, ParamRef *out, const char **why) {
+static bool find(const Program *p, const char *name, ParamRef *out, ParamPattern *stars, const char **why) {
     Arena *a = &p->session->session;
     size_t len = 0;
     const Param *q = find_param(p, name, &len);
@@ -132,9 +139,9 @@ bool program_find(const Program *p, const char *name, ParamRef *out, const char 
         if (*at == '[') {
             bool ok;
             if (t->kind == T_ARRAY || t->kind == T_VECTOR) {
-                ok = step_index(p, &r, t->n, t->elem, counts(t->elem), &at, name, why);
+                ok = step_index(p, &r, stars, t->n, t->elem, counts(t->elem), &at, name, why);
             } else if (t->kind == T_MATRIX) {
-                ok = step_index(p, &r, t->n, type_row(t), (Counts){t->columns, 0}, &at, name, why);
+                ok = step_index(p, &r, stars, t->n, type_row(t), (Counts){t->columns, 0}, &at, name, why);
             } else if (param_is_image(q)) {
                 /* texels: [row][column][channel] in one flat vector; each index peels one dimension */
                 uint32_t inner = r.fcount == q->fcount                                     ? q->tex_w * q->tex_c
@@ -142,7 +149,7 @@ bool program_find(const Program *p, const char *name, ParamRef *out, const char 
                                                                                            : 1;
                 uint32_t n = r.fcount / (inner ? inner : 1);
                 if (r.fcount <= 1) return fail(p, why, arena_printf(a, "`%s`: too many indices", name));
-                ok = step_index(p, &r, n, q->type, (Counts){inner, 0}, &at, name, why);
+                ok = step_index(p, &r, stars, n, q->type, (Counts){inner, 0}, &at, name, why);
             } else {
                 return fail(p, why, arena_printf(a, "`%s`: %s cannot be indexed", name, t->name));
             }
@@ -156,3 +163,23 @@ bool program_find(const Program *p, const char *name, ParamRef *out, const char 
     *out = r;
     return true;
 }
+
+bool program_find(const Program *p, const char *name, ParamRef *out, const char **why) {
+    return find(p, name, out, NULL, why);
+}
+
+bool program_find_pattern(const Program *p, const char *name, ParamPattern *out, const char **why) {
+    out->nstars = 0;
+    return find(p, name, &out->at, out, why);
+}
+
+static void mark(const ParamPattern *pattern, uint32_t star, uint32_t base, uint8_t *floats) {
+    if (star == pattern->nstars) {
+        memset(floats + base, 1, pattern->at.fcount);
+        return;
+    }
+    for (uint32_t i = 0; i < pattern->count[star]; i++)
+        mark(pattern, star + 1, base + i * pattern->stride[star], floats);
+}
+
+void program_mark(const ParamPattern *pattern, uint8_t *floats) { mark(pattern, 0, pattern->at.fbase, floats); }

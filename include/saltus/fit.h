@@ -38,7 +38,7 @@ typedef struct SltFitView {
 } SltFitView;
 #define SLT_FIT_VIEW_INIT ((SltFitView){.struct_size = sizeof(SltFitView)})
 
-/* A number for a parameter or component ("discs[3].centre"). */
+/* A number for a parameter or component ("discs[3].centre"), or in rates for many ("discs[*].centre"). */
 typedef struct SltFitNumber {
     const char *name; /* NULL in `rates`: for all parameters */
     double value;
@@ -85,6 +85,8 @@ typedef enum SltFitMetric {
     SLT_FIT_L1,   /* |d| */
     SLT_FIT_HUBER /* d^2 / 2 up to |d| = delta, from there on delta (|d| - delta / 2) */
 } SltFitMetric;
+
+typedef enum SltFitSchedule { SLT_FIT_CONSTANT, SLT_FIT_EXPONENTIAL, SLT_FIT_COSINE } SltFitSchedule;
 
 typedef struct SltFitOptions {
     size_t struct_size;
@@ -133,6 +135,12 @@ typedef struct SltFitOptions {
     /* A function `float NAME(floatC image, floatC target)` of the program, C its channels: the loss is its mean over
      * pixels, weighed by the masks. It is differentiated as it is between its jumps. NULL: the metric is the loss. */
     const char *loss_entry;
+    /* How the learning rates change: of first-order optimisers. SLT_FIT_EXPONENTIAL: times `decay` an iteration;
+     * SLT_FIT_COSINE: half a cosine, from the rate to 0 over all iterations. */
+    SltFitSchedule schedule;
+    uint32_t views_per_step; /* so many views an iteration, chosen by the seed, none twice; 0: all. The loss is then the
+                                mean over the views seen so far of the last loss of each. First-order optimisers only */
+    double decay;            /* above 0, at most 1 */
 } SltFitOptions;
 #define SLT_FIT_OPTIONS_INIT ((SltFitOptions){.struct_size = sizeof(SltFitOptions), .iterations = 200, .every = 10})
 

@@ -94,6 +94,46 @@ class Views(Case):
         self.fit("--loss-entry", "soft", "--loss", "l1", code=2)
         self.assertIn("float hard(float image, float target)", self.fit("--loss-entry", "hard", code=2).err)
 
+    def test_optimizer(self):
+        """Schedules, betas, some views an iteration and rates by pattern are the same in a scene and on the command line."""
+        plain = self.fit("--iters", 9)
+        for key, value, args in (("schedule", "cosine", ["--schedule", "cosine"]), ("schedule", {"exponential": 0.9}, ["--schedule", "exponential=0.9"]),
+                                 ("betas", [0.5, 0.9], ["--betas", "0.5,0.9"]), ("views_per_step", 1, ["--views-per-step", 1])):
+            given = self.fit("--iters", 9, *args)
+            self.assertNotEqual(given["losses"], plain["losses"], key)
+            self.scene["optimizer"][key] = value
+            self.assertEqual(self.fit("--iters", 9), given, key)
+            del self.scene["optimizer"][key]
+            for bad in (-1, "high", [0.5], {}):
+                self.scene["optimizer"][key] = bad
+                self.fit(code=4)
+            del self.scene["optimizer"][key]
+        self.scene["optimizer"]["schedule"] = "constant"
+        self.assertEqual(self.fit("--iters", 9), plain)
+        for args in (["--schedule", "slow"], ["--schedule", "exponential=2"], ["--betas", "0.9"], ["--betas", "1,0.9"], ["--views-per-step", 3]):
+            self.fit(*args, code=2)
+
+    def test_patterns(self):
+        self.put("s/a.salt", "struct Spot { float2 at; float ink; };\nparam Spot spots[2] = {{float2(0.3), 0.5}, {float2(0.6), 0.8}};\n"
+                 "shader float main(float2 x) { float f = 0.1; for (int i = 0; i < 2; i++) { [Disc] if (length(x - spots[i].at) < 0.2) f = spots[i].ink; } return f; }")
+        self.scene = {"shader": "a.salt", "size": [16, 16], "target": {"shader": "truth.salt", "entry": "from_top"}, "optimizer": {"iters": 5}}
+        spots = [[f32(0.3), f32(0.3), f32(0.5)], [f32(0.6), f32(0.6), f32(0.8)]]
+
+        def moved(j):
+            return [[f32(v) != b for v, b in zip(s["at"] + [s["ink"]], before)] for s, before in zip(j["params"]["spots"], spots)]
+        self.scene["params"] = {"spots[*].at": {"lr": 0}}
+        self.assertEqual(moved(self.fit()), [[False, False, True]] * 2)
+        self.scene["params"] = {"spots[*].at": {"lr": 0.1, "grad": True}}
+        self.assertEqual(moved(self.fit()), [[True, True, False]] * 2)
+        self.scene["params"] = {}
+        self.assertEqual(moved(self.fit("--lr", "0.1,spots[*].at=0,spots[0].at.x=0.1")), [[True, False, True], [False, False, True]])
+        self.assertEqual(moved(self.fit("--wrt", "spots[*].ink")), [[False, False, True]] * 2)
+        self.scene["params"] = {"spots[*].at": {"value": 0.5}}
+        self.fit(code=4)
+        self.scene["params"] = {"spots[*].on": {"lr": 0.5}}
+        self.assertIn("no field `on`", self.fit(code=2).err)
+        self.run_cli("grad", "s/a.salt", "--integral", "--wrt", "spots[*].ink", code=2)
+
 
 if __name__ == "__main__":
     unittest.main()
