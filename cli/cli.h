@@ -100,6 +100,7 @@ struct Cli {
     int schedule;               /* SltFitSchedule */
     double decay, beta1, beta2; /* 0: the defaults */
     bool schedule_given;
+    uint32_t frames; /* 0: none */
     const char *loss_entry; /* a function of the shader */
     double huber_delta;     /* 0: the default */
     const char *loss_command;

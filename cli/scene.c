@@ -337,8 +337,8 @@ static int read_root(Reader *r, json_t *root) {
     int status =
         known_keys(r, root, "",
                    KEYS("shader", "entry", "set", "size", "spp", "segments", "samples", "seed", "params", "views",
-                        "target", "mask", "optimizer", "output", "filter", "minimize", "precision", "loss"));
-    double spp = -1, segments = -1, samples = -1, seed = -1;
+                        "target", "mask", "optimizer", "output", "filter", "minimize", "precision", "loss", "frames"));
+    double spp = -1, segments = -1, samples = -1, seed = -1, frames = 0;
     char *filter = NULL, *precision = NULL;
     if (status == SLT_OK) status = text_of(r, root, "shader", &r->s->shader, true);
     if (status == SLT_OK && !r->s->shader) status = bad(r, "", "`shader` is missing");
@@ -350,6 +350,7 @@ static int read_root(Reader *r, json_t *root) {
     if (status == SLT_OK) status = number_of(r, root, "segments", 1, 1e12, &segments);
     if (status == SLT_OK) status = number_of(r, root, "samples", 1, 1e12, &samples);
     if (status == SLT_OK) status = number_of(r, root, "seed", 0, 4294967295.0, &seed);
+    if (status == SLT_OK) status = number_of(r, root, "frames", 1, 1e8, &frames);
     if (status == SLT_OK) status = read_set(r, root);
     if (status == SLT_OK) status = read_size(r, root);
     if (status == SLT_OK) status = read_params(r, root);
@@ -370,6 +371,7 @@ static int read_root(Reader *r, json_t *root) {
     if (segments > 0 && !r->c->job.segments) r->c->job.segments = (uint64_t)segments;
     if (samples > 0 && !r->c->samples_given) r->c->job.samples = (uint64_t)samples, r->c->samples_given = true;
     if (seed >= 0 && !r->c->job.seed) r->c->job.seed = r->c->opt.seed = (uint32_t)seed;
+    if (!r->c->frames) r->c->frames = (uint32_t)frames;
     json_t *minimize = json_object_get(root, "minimize");
     if (minimize && !json_is_boolean(minimize)) return bad(r, "minimize", "true or false is wanted");
     if (json_is_true(minimize)) r->c->minimize = true;

@@ -263,6 +263,29 @@ SltStatus slt_fit_step(SltFit *f, SltFitStop *stop, SltError *err) {
     return status;
 }
 
+static SltStatus draw_view(SltFit *f, uint32_t view, bool best, const SltJob *job, float *image, SltError *err) {
+    SltJob own = f->job;
+    double loss = 0;
+    const double *x = best ? optimise_best(f->optimiser, &loss) : optimise_parameters(f->optimiser);
+    if (view >= f->nviews) return status_fail(err, SLT_USAGE, "the fit has %u views, and no view %u", f->nviews, view);
+    if (job && !api_struct_read(&own, sizeof own, job)) return api_struct_unknown(err, "SltJob");
+    fit_set_active(f, isfinite(loss) ? x : optimise_parameters(f->optimiser));
+    fit_use_view(f, &f->views[view], &own);
+    SltStatus status = slt_render(f->views[view].p, &own, image, f->opt.stats, err);
+    fit_set_active(f, optimise_parameters(f->optimiser));
+    return status;
+}
+
+SltStatus slt_fit_image(SltFit *f, uint32_t view, bool best, const SltJob *job, float *image, SltError *err) {
+    SltError mine = {0};
+    if (!err) err = &mine;
+    SltStatus status = api_hold(f->p, err);
+    if (status != SLT_OK) return status;
+    status = draw_view(f, view, best, job, image, err);
+    api_let_go(f->p);
+    return status;
+}
+
 SltStatus slt_fit_end(SltFit *f, SltFitResult *result, SltError *err) {
     SltError mine = {0};
     if (!f) return SLT_OK;

@@ -187,6 +187,9 @@ SltStatus slt_fit_begin(SltProgram *p, const SltFitOptions *options, SltFit **ou
 /* One evaluation and one step of the optimiser; *stop is SLT_FIT_RUNNING while there is another to do. After the last,
  * or after an error, does nothing and returns SLT_OK. */
 SltStatus slt_fit_step(SltFit *fit, SltFitStop *stop, SltError *err);
+/* Between steps: the image of a view, at the parameters of the next evaluation, or with `best` at the best so far. Of
+ * the view's size and channels; job NULL: that of the fit, and of any other floats and ints do not count. */
+SltStatus slt_fit_image(SltFit *fit, uint32_t view, bool best, const SltJob *job, float *image, SltError *err);
 /* Saves the checkpoint, gives the program the best parameters found, and frees the fit (NULL: does nothing). SLT_USAGE:
  * the program is in use; the fit is still there. */
 SltStatus slt_fit_end(SltFit *fit, SltFitResult *result, SltError *err);

@@ -179,8 +179,46 @@ static void some_views(void **state) {
     slt_program_free(p);
 }
 
+/* The image of a view, now and at the best; looking changes nothing. */
+static void images_between_steps(void **state) {
+    (void)state;
+    SltJob job = one_pixel();
+    static float target[4 * 4 * 3], image[2][4 * 4 * 3], want[4 * 4 * 3];
+    SltFitView views[2] = {SLT_FIT_VIEW_INIT, SLT_FIT_VIEW_INIT};
+    SltSet light = {"light", "0.5"};
+    SltFitOptions o = SLT_FIT_OPTIONS_INIT;
+    SltFitResult seen = SLT_FIT_RESULT_INIT, unseen = SLT_FIT_RESULT_INIT;
+    SltFitStop stop;
+    SltError err;
+    SltFit *fit;
+    views[0].target = views[1].target = target;
+    views[1].values = &light, views[1].nvalues = 1;
+    o.job = &job, o.views = views, o.nviews = 2, o.iterations = 4;
+    SltProgram *p = compile(discs);
+    assert_ok(slt_fit_begin(p, &o, &fit, &err));
+    do {
+        assert_ok(slt_fit_step(fit, &stop, &err));
+        for (int v = 0; v < 2; v++) assert_ok(slt_fit_image(fit, (uint32_t)v, false, NULL, image[v], &err));
+        assert_ok(slt_render(p, &job, want, NULL, &err));
+        assert_memory_equal(image[0], want, sizeof want);
+        for (int i = 0; i < 48; i++) assert_float_equal(image[1][i], 0.5f * want[i], 1e-6);
+        assert_int_equal(slt_fit_image(fit, 2, false, NULL, image[0], &err), SLT_USAGE);
+        assert_ok(slt_fit_image(fit, 0, true, NULL, image[0], &err));
+    } while (stop == SLT_FIT_RUNNING);
+    assert_ok(slt_fit_end(fit, &seen, &err));
+    assert_ok(slt_render(p, &job, want, NULL, &err));
+    assert_memory_equal(image[0], want, sizeof want); /* the program has the best */
+    slt_program_free(p);
+    p = compile(discs);
+    assert_ok(slt_fit(p, &o, &unseen, &err));
+    assert_memory_equal(seen.losses, unseen.losses, 4 * sizeof(double));
+    free(seen.losses);
+    free(unseen.losses);
+    slt_program_free(p);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(schedules), cmocka_unit_test(patterns),
-                                       cmocka_unit_test(some_views)};
+                                       cmocka_unit_test(some_views), cmocka_unit_test(images_between_steps)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -82,6 +82,51 @@ class Views(Case):
         self.scene["views"][0]["target"] = {"shader": "../out.salt"}
         self.fit("--sandbox", code=4)
 
+    def chunks(self, name):
+        data, found, at = self.get(name), [], 8
+        while at < len(data):
+            n, = struct.unpack(">I", data[at:at + 4])
+            self.assertEqual(zlib.crc32(data[at + 4:at + 8 + n]), struct.unpack(">I", data[at + 8 + n:at + 12 + n])[0])
+            found.append((data[at + 4:at + 8].decode(), data[at + 8:at + 8 + n]))
+            at += 12 + n
+        return found
+
+    def size(self, name):
+        return struct.unpack(">II", self.chunks(name)[0][1][:8])
+
+    def test_pictures(self):
+        """The folder shows every view; the frames are those of the animation, in it and as files."""
+        self.scene["views"].append(dict(self.scene["views"][1], params={"gain": 0.5}))
+        self.scene.update(output="out", frames=5, size=[16, 12])
+        j = self.fit("--iters", 12)
+        files = sorted(os.listdir(self.path("s/out")))
+        for name in ("image", "image_1", "image_2"):
+            self.assertIn(name + ".exr", files)
+            self.assertEqual(self.size("s/out/%s.png" % name), (16, 12))
+        self.assertNotIn("image_3.exr", files)
+        self.assertEqual(self.size("s/out/strip.png"), (7 * 20 - 4, 3 * 16 - 4))
+        frames = sorted(os.listdir(self.path("s/out/frames")))
+        self.assertEqual(frames, ["%04d.png" % k for k in range(4)])  # iterations 0, 5, 10, and the best
+        chunks = self.chunks("s/out/fit.png")
+        self.assertEqual(chunks[0][1][:8], struct.pack(">II", 2 * 20 - 4, 2 * 16 - 4))
+        self.assertEqual([n for n, _ in chunks if n != "IDAT"], ["IHDR", "acTL"] + ["fcTL"] + ["fcTL", "fdAT"] * 3 + ["IEND"])
+        self.assertEqual(dict(chunks)["acTL"], struct.pack(">II", 4, 0))
+        data = [b"".join(d for n, d in self.chunks("s/out/frames/" + name) if n == "IDAT") for name in frames]
+        self.assertEqual([d for n, d in chunks if n == "IDAT"] + [d[4:] for n, d in chunks if n == "fdAT"], data)
+        self.assertEqual([struct.unpack(">I", d[:4])[0] for n, d in chunks if n in ("fcTL", "fdAT")], list(range(7)))
+        # Looking changes nothing.
+        del self.scene["frames"], self.scene["output"]
+        self.assertEqual(self.fit("--iters", 12), j)
+        self.fit("--frames", 3, code=2)
+        self.fit("--frames", 1, "--iters", 100000, "-o", "s/out", code=2)
+
+    def test_volume(self):
+        self.put("s/a.salt", "param float r = 0.35;\nshader float main(float3 x) { float f = 0.1; [Disc] if (length(x - 0.5) < r) f = 1.0; return f; }")
+        self.put("s/truth.salt", "shader float main(float3 x) { return length(x - 0.5) < 0.25 ? 1.0 : 0.1; }")
+        self.scene = {"shader": "a.salt", "size": [12, 10, 8], "spp": 8, "target": {"shader": "truth.salt"}, "optimizer": {"iters": 30}, "output": "out"}
+        self.assertAlmostEqual(self.fit()["params"]["r"], 0.25, delta=0.01)
+        self.assertEqual(self.size("s/out/image.png"), (4 * 16 - 4, 10))
+
     def test_loss_entry(self):
         self.scene["loss"] = {"entry": "soft"}
         j = self.fit()
