@@ -80,7 +80,28 @@ static SltStatus apply_mask(const SltFit *f, const SltFitMask *m, double *rate, 
     return SLT_OK;
 }
 
-/* Bounds and scales are [Range] and [Log] of the declarations. */
+/* Bounds and scales: [Range] and [Log] of the declarations. */
+static SltStatus read_limits(const SltFit *f, double *lo, double *hi, uint8_t *log, SltError *err) {
+    uint32_t at = 0;
+    for (uint32_t k = 0; k < f->p->prog->nparams; k++) {
+        const Param *q = &f->p->prog->params[k];
+        uint32_t first = at;
+        while (at < f->n && f->index[at] < q->fbase + q->fcount) at++;
+        if (at == first) continue;
+        double *bounds = malloc(2 * (size_t)q->fcount * sizeof *bounds);
+        uint8_t *logs = malloc(q->fcount);
+        if (bounds && logs) program_limits(q, bounds, bounds + q->fcount, logs);
+        for (uint32_t i = first; bounds && logs && i < at; i++) {
+            uint32_t own = f->index[i] - q->fbase;
+            lo[i] = bounds[own], hi[i] = bounds[q->fcount + own], log[i] = logs[own];
+        }
+        bool ok = bounds && logs;
+        free(bounds), free(logs);
+        if (!ok) return fit_out_of_memory(err);
+    }
+    return SLT_OK;
+}
+
 SltStatus fit_make_optimiser(SltFit *f, SltError *err) {
     const SltFitOptions *o = &f->opt;
     size_t n = f->n;
@@ -92,14 +113,8 @@ SltStatus fit_make_optimiser(SltFit *f, SltError *err) {
     for (uint32_t i = 0; status == SLT_OK && i < n; i++) {
         start[i] = f->p->floats[f->index[i]];
         rate[i] = optimise_rate(f->method);
-        lo[i] = -INFINITY, hi[i] = INFINITY;
-        for (uint32_t k = 0; k < f->p->prog->nparams; k++) {
-            const Param *q = &f->p->prog->params[k];
-            if (f->index[i] < q->fbase || f->index[i] >= q->fbase + q->fcount) continue;
-            if (q->attrs.has_range) lo[i] = q->attrs.lo, hi[i] = q->attrs.hi;
-            log[i] = q->attrs.log;
-        }
     }
+    if (status == SLT_OK) status = read_limits(f, lo, hi, log, err);
     for (uint32_t k = 0; status == SLT_OK && k < o->nrates; k++) status = set_rate(f, &o->rates[k], rate, err);
     for (uint32_t k = 0; status == SLT_OK && k < o->nrate_masks; k++)
         status = apply_mask(f, &o->rate_masks[k], rate, err);

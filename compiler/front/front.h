@@ -108,6 +108,10 @@ typedef struct ParamRef {
 bool program_find(const Program *p, const char *name, ParamRef *out,
                   const char **why); /* why suggests the nearest name */
 
+/* Of every float of q, arrays of q->fcount: the bounds of [Range] and whether [Log] marks it. A field's attributes come
+ * before its parameter's. */
+void program_limits(const Param *q, double *lo, double *hi, uint8_t *log);
+
 /* Many at once: an index may be a star, "discs[*].centre". */
 enum { PARAM_MAX_STARS = 8 };
 typedef struct ParamPattern {

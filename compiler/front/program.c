@@ -1,5 +1,6 @@
 /* Components of parameters by name: "discs[3].centre.x", "m[1][2]", "module.name.r". */
 #include <ctype.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -31,6 +32,35 @@ static Counts counts(const Type *t) {
     }
     default: return (Counts){0, 0};
     }
+}
+
+typedef struct Limits {
+    double *lo, *hi;
+    uint8_t *log;
+} Limits;
+
+static void limit(const Type *t, uint32_t floats, const ParamAttrs *a, bool log, const ParamAttrs *range, Limits *out) {
+    if (a) log |= a->log;
+    if (a && a->has_range) range = a;
+    if (t->kind == T_ARRAY && t->elem->kind != T_FLOAT) {
+        for (uint32_t i = 0; i < t->n; i++) limit(t->elem, floats / t->n, NULL, log, range, out);
+        return;
+    }
+    if (t->kind == T_STRUCT) {
+        for (uint32_t k = 0; k < t->nfields; k++)
+            limit(t->fields[k].type, counts(t->fields[k].type).f, t->fields[k].attrs, log, range, out);
+        return;
+    }
+    for (uint32_t i = 0; i < floats; i++) {
+        *out->lo++ = range ? range->lo : -INFINITY;
+        *out->hi++ = range ? range->hi : INFINITY;
+        *out->log++ = log;
+    }
+}
+
+void program_limits(const Param *q, double *lo, double *hi, uint8_t *log) {
+    Limits out = {lo, hi, log};
+    limit(q->type, q->fcount, &q->attrs, false, NULL, &out);
 }
 
 static bool fail(const Program *p, const char **why, const char *text) {

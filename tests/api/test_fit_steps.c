@@ -217,8 +217,46 @@ static void images_between_steps(void **state) {
     slt_program_free(p);
 }
 
+/* [Range] and [Log] of fields, of a whole array of structs, and of both: a field's range comes first. */
+static void limits_of_fields(void **state) {
+    (void)state;
+    static const char source[] =
+        "const float MOST = 0.4;\n"
+        "struct Inner { [Log] float scale; float free; };\n"
+        "struct Spot { [Range(0.1, MOST)] float2 at; int n; [Range(0.0, 1.0)] float ink, paper; Inner inner[2]; };\n"
+        "Spot place(int i) { Spot s; s.at = float2(0.3); s.n = i; s.ink = 0.9; s.paper = 0.9;\n"
+        "    s.inner[0].scale = 1.0; s.inner[1].scale = 1.0; s.inner[0].free = 1.0; s.inner[1].free = 1.0; return s; }\n"
+        "[Range(-9.0, 9.0)] param Spot spots[3] = init(place);\n"
+        "shader float main(float2 x) { float f = 0.0;\n"
+        "    for (int i = 0; i < 3; i++) f -= spots[i].at.x + spots[i].at.y + spots[i].ink - spots[i].paper\n"
+        "        + spots[i].inner[0].scale + spots[i].inner[1].free;\n"
+        "    return f; }\n";
+    SltProgram *p = compile(source);
+    SltJob job = one_pixel();
+    SltFitNumber rate = {NULL, 0.5};
+    SltFitOptions o = SLT_FIT_OPTIONS_INIT;
+    SltError err;
+    SltParam spots = param(p, "spots"), field = SLT_PARAM_INIT;
+    assert_true(slt_param_field(&spots, 0, &field) && field.has_range && fabs(field.lo - 0.1) < 1e-7 &&
+                fabs(field.hi - 0.4) < 1e-7);
+    o.job = &job, o.minimize = true, o.optimizer = "sgd", o.rates = &rate, o.nrates = 1, o.iterations = 2;
+    assert_ok(slt_fit(p, &o, NULL, &err));
+    for (int i = 0; i < 3; i++) {
+        const double *v = slt_floats(p) + 8 * i;
+        assert_true(v[0] == field.hi && v[1] == field.hi); /* to the end of its range */
+        assert_true(v[2] == 1 && fabs(v[3] - 0.4) < 1e-6); /* the range of both, of which one is far away */
+        assert_float_equal(v[4], exp(0.5), 1e-6);          /* a step of 0.5 of its logarithm */
+        assert_true(v[5] == 1 && v[6] == 1 && fabs(v[7] - 1.5) < 1e-6); /* in the range of the array */
+    }
+    o.iterations = 40;
+    assert_ok(slt_fit(p, &o, NULL, &err));
+    assert_true(slt_floats(p)[4] == 9 && slt_floats(p)[7] == 9);
+    slt_program_free(p);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(schedules), cmocka_unit_test(patterns),
-                                       cmocka_unit_test(some_views), cmocka_unit_test(images_between_steps)};
+                                       cmocka_unit_test(some_views), cmocka_unit_test(images_between_steps),
+                                       cmocka_unit_test(limits_of_fields)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
