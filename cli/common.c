@@ -328,6 +328,8 @@ int cli_compile(Cli *c, SltProgram **out) {
     warn_not_finite(c, p);
     if (c->nparams || c->params_file) session_protect(p->session, warn_of_ranges, p);
     if (!c->quiet) cli_tell(c, p);
+    for (uint32_t i = 0; i < c->nwrt && c->verb->bit != FIT; i++)
+        if (strstr(c->wrt[i], "[*]")) return cli_usage(c, "--wrt %s: many at once are for `fit`", c->wrt[i]);
     if (c->nwrt && slt_wrt(p, c->wrt, c->nwrt, &err) != SLT_OK) return cli_fail(c, &err);
     tell_costs(c, p);
     return SLT_OK;
