@@ -19,7 +19,7 @@ static inline SltProgram *table_program(const char *module, const Case *c) {
     const char *form = strstr(c->body, "return") ? "%s" : "return %s;";
     int n = snprintf(source, sizeof source,
                      "import %s;\nfloat zero(int i) { return 0.0; }\nparam float v[16] = init(zero);\n"
-                     "shader float main(float2 x) { ",
+                     "shader float main(float2 ignored) { ",
                      module);
     n += snprintf(source + n, sizeof source - (size_t)n, form, c->body);
     snprintf(source + n, sizeof source - (size_t)n, " }\n");
