@@ -138,7 +138,7 @@ static SltStatus compile_expr(Cli *c, SltProgram **out) {
                  types[t], c->expr);
         SltProgram *p = NULL;
         status = slt_compile_string(source, "<expr>", &c->opt, &p);
-        bool errs = errs_in_expr(p);
+        bool errs = p && errs_in_expr(p); /* NULL: memory ran out */
         show_expr_alone(p, source, c->expr);
         free(source);
         if (status != SLT_PROGRAM || !errs) {

@@ -112,7 +112,7 @@ typedef struct SltDiagnostic {
 uint32_t slt_diagnostic_count(const SltProgram *p);
 bool slt_diagnostic(const SltProgram *p, uint32_t index, SltDiagnostic *out);
 /* All diagnostics: as the command prints them; as JSON, one LSP Diagnostic a line. The string is valid until the same
- * function is called again. */
+ * function is called again. p may be NULL: then memory had run out, and they say so. */
 const char *slt_diagnostics_text(SltProgram *p);
 const char *slt_diagnostics_json(SltProgram *p);
 /* What went wrong where no diagnostic says so (limits, inputs). p may be NULL, as slt_compile_* leaves it when memory

@@ -359,6 +359,23 @@ class Render(Case):
         self.assertEqual(self.get("old.exr"), b"old")
         self.no_leftovers("old.exr")
 
+    def test_address_space(self):
+        # Whatever memory there is beyond the process itself: done, or status 6 and the cause in words. The loader says
+        # of LLVM only that it could not be mapped.
+        if os.environ.get("SALTUS_SANITIZE"):
+            self.skipTest("the sanitizer takes terabytes of address space")
+        self.put("c.salt", CIRCLE)
+        codes = set()
+        for mib in (14, 20, 30, 40, 60, 80, 100, 130, 150, 160, 170, 180, 190, 200, 220, 240, 270, 300, 4096):
+            p = subprocess.run([BIN, "render", "c.salt", "--no-cache", "--size", "4", "--threads", "2", "-o", "a.pfm"], cwd=self.dir, capture_output=True, env=self.environment(),
+                               preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (mib << 20, mib << 20)))
+            self.assertIn(p.returncode, (0, 6), (mib, p.stderr))
+            if p.returncode:
+                self.assertIn(b"out of memory", p.stderr, mib)
+            codes.add(p.returncode)
+        self.assertEqual(codes, {0, 6})
+        self.no_leftovers("a.pfm")
+
     def test_time_limit(self):
         self.put("slow.salt", "shader float main(float2 x) { float s = 0.0; for (int i = 0; i < 100000; i++) s += sin(x.x * i + s); return s; }")
         start = self.processor()
@@ -485,10 +502,22 @@ shader float main(float2 x) {
                 self.assertEqual(self.json_cli("render", "j.salt", "--size", 2)["mean"], [want])
                 self.put("named.json", '{"p": %s, "q": 1}' % rows)
                 self.assertEqual(self.json_cli("render", "j.salt", "--size", 2, "--param", "p=@named.json")["mean"], [want])
-        for rows in ("[[1, 2], [3]]", "[[1, 2], 3]", "3", "{}", "[]"):
+                line = re.findall(r"[0-9]+", rows) if kind != "S" else ["1", "2", "3", "0", "1", "5"]
+                elements = len(json.loads(rows))
+                each = len(line) // elements
+                for text in ('{"p": %s}' % rows, "[%s]" % ", ".join(line), "[[%s]]" % "], [".join(", ".join(line[k * each:(k + 1) * each]) for k in range(elements)))[:2 if kind == "float" else 3]:
+                    self.put("p.json", text)  # by name in the source's own file; all in a line; a line for each element
+                    self.assertEqual(self.json_cli("render", "j.salt", "--size", 2)["mean"], [want])
+        for rows in ("[[1, 2], [3]]", "[[1, 2], 3]", "[1, 2, 3]", "3", "{}", "[]"):
             self.put("j.salt", body % ("param", "float2", "p[i].y"))
             self.put("p.json", rows)
             self.assertIn("p.json", self.run_cli("render", "j.salt", "--size", 2, code=4).err)
+        n = 170  # more numbers than an array may list
+        self.put("big.salt", 'param float g[][%d][%d] = "g.npy"; shader float main(float x) { return g[int(%d * x)][1][2]; }' % (n, n, n))
+        plane = [0.0] * (n * n)
+        plane[n + 2] = 0.5
+        self.put("g.npy", write_npy((n, n, n), plane * n, "<f4"))
+        self.assertEqual(self.json_cli("render", "big.salt", "--size", 16)["mean"], [0.5])
         os.remove(self.path("pts.npy"))
         self.assertIn("pts.npy", self.run_cli("render", "o.salt", "--size", 2, code=4).err)
 
