@@ -281,7 +281,7 @@ shader float main(float2 x) {
 """)
         j = self.json_cli("grad", "s.salt", "--integral", "--estimator", "quadrature")
         self.assertIn("upset", {d["code"] for d in j["warnings"]})
-        self.assertGreaterEqual(j["stderr"]["p"], 1)
+        self.assertGreater(j["stderr"]["p"], 0.99)
 
     def test_text_of_a_derivative_that_is_0(self):
         self.put("s.salt", HEAD + "[Disc] if (length(x) < 5.0 * p) return 1.0; return 0.0;\n}\n")
