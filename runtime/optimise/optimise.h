@@ -14,7 +14,8 @@
  * Inside, a parameter marked `log` is optimised as its logarithm; bounds are kept exactly by
  * projection. A loss or a gradient that is not finite never enters the state: the step is taken
  * back, shortened and counted; after `max_failures` in a row the optimiser stops and says so. The
- * best point so far is kept.
+ * best point so far is kept: the one of the lowest loss; where losses are noisy, the last of those
+ * that the noise does not tell from it.
  *
  * Everything is deterministic: the same calls give the same bits, also across save and load. An
  * Optimiser owns all its memory (copies of the config's arrays too); one thread at a time. */
