@@ -45,6 +45,7 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     if (!sweep_begin_splat(v, &hull)) return false;
     v->w->finder.lost = lost;
     v->w->sink.coincide.apart = p->apart, v->w->sink.coincide.no_kinks = true;
+    v->w->sink.coincide.tied = v->w->finder.tied = p->apart ? p->run->tied : NULL;
     for (uint64_t i = from; i < to && pool_stop_reason(&p->run->pool) == SLT_OK; i++) {
         const LeftCell *l = &p->left[i];
         v->left_bound += sweep_hidden(p, l);
@@ -59,6 +60,7 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     near_flush(v->w);
     finder_run(&v->w->finder, true);
     v->w->finder.lost = NULL, v->w->sink.coincide.apart = NULL;
+    v->w->sink.coincide.tied = v->w->finder.tied = NULL;
     if (p->marches && !left_curves(v, &p->left[from], (uint32_t)(to - from), false)) return false;
     if (p->errors && p->options.curves && !left_hidden(v, &p->left[from], (uint32_t)(to - from), seen, lost))
         return false;
@@ -139,7 +141,7 @@ static bool make_apart(Sweep *p) {
         for (uint32_t d = 0; d < s->dim; d++)
             longest = fmax(longest, (p->left[i].box.end[d] - p->left[i].box.lo[d]) / (s->hi[d] - s->lo[d]));
     double step = coincide_step(root_tolerance(run_is_coarse(p->run)) * longest / p->lines, s->f64 ? 0x1p-26 : 0x1p-14);
-    return apart_new(s, p->run->j->seed, step, &p->apart);
+    return apart_new(s, p->run->j->seed, step, &p->apart) && twins_begin(p->run);
 }
 
 /* In parts of the list, after each of which what its cells have cost tells how many of those that follow can be paid
