@@ -9,6 +9,7 @@
 #include "runtime/sample/cull.h"
 #include "runtime/sample/prune.h"
 #include "runtime/sample/sink.h"
+#include "runtime/sample/tails.h"
 
 struct Worker {
     Batch batch;
@@ -30,6 +31,7 @@ struct Worker {
     uint64_t value_cap;
     struct Probes *probes; /* candidates of near.c */
     Follow *follow;        /* NULL: fingers are not followed */
+    TailTile tail;         /* of interior_integral */
 };
 
 struct Run {
