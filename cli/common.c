@@ -191,16 +191,24 @@ static int refuse_sources(const Cli *c, const SltProgram *p) {
     return SLT_OK;
 }
 
-/* NaN and infinities are values like others; whoever meant something else should hear of it. */
+static const char larger[] = " in single precision; --precision f64 holds larger numbers";
+
+/* NaN and infinities are values like others, as are numbers that single precision takes for infinite; whoever meant
+ * something else should hear of it. */
 static void warn_not_finite(const Cli *c, const SltProgram *p) {
+    for (uint32_t i = 0; i < c->nsets && !c->quiet && !c->opt.f64; i++)
+        if (isinf((float)strtod(c->sets[i].value, NULL)))
+            cli_say(CLI_WARNING, "not_finite", NULL, "const `%s` is infinite%s", c->sets[i].name, larger);
     for (uint32_t i = 0; i < slt_param_count(p) && !c->quiet; i++) {
         SltParam q = SLT_PARAM_INIT;
         slt_param(p, i, &q);
         if (q.is_texture) continue;
         const double *v = slt_floats(p) + q.fbase;
         for (uint32_t k = 0; k < q.fcount; k++) {
-            if (isfinite(v[k])) continue;
-            cli_say(CLI_WARNING, "not_finite", NULL, "parameter `%s` is %s", q.name, isnan(v[k]) ? "nan" : "infinite");
+            bool large = isfinite(v[k]) && !c->opt.f64 && isinf((float)v[k]);
+            if (isfinite(v[k]) && !large) continue;
+            cli_say(CLI_WARNING, "not_finite", NULL, "parameter `%s` is %s%s", q.name, isnan(v[k]) ? "nan" : "infinite",
+                    large ? larger : "");
             break;
         }
     }
