@@ -103,6 +103,8 @@ typedef struct CellCounts {
      * none */
     double upset, upset_jump[SLT_MAX_CHANNELS];
     uint32_t upset_edge;
+    double rims[SLT_MAX_CHANNELS]; /* likewise of what f changes by between a seam and the nearest place, where it is a
+                                      small power of the distance */
 } CellCounts;
 
 typedef struct Cells Cells;

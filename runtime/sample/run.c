@@ -36,7 +36,6 @@ void stats_add(SltStats *to, const SltStats *s) {
         to->dropped[d] += s->dropped[d], place_least(&to->dropped_at[d], &s->dropped_at[d]);
     to->truncated += s->truncated, to->asserts += s->asserts, to->nonfinite += s->nonfinite;
     to->seconds += s->seconds;
-    to->singular = s->singular > to->singular ? s->singular : to->singular;
     to->seconds_interior += s->seconds_interior, to->seconds_boundary += s->seconds_boundary;
     stats_of_cells(to, s);
 }
@@ -44,6 +43,7 @@ void stats_add(SltStats *to, const SltStats *s) {
 void stats_of_cells(SltStats *to, const SltStats *s) {
     if (!to) return;
     to->cells = s->cells, to->certified = s->certified, to->settled = s->settled, to->curved = s->curved;
+    to->singular = s->singular;
     to->upset = s->upset, to->upset_line = s->upset_line;
     to->left = s->left, to->left_bound = s->left_bound, to->boxes = s->boxes, to->stopped = s->stopped;
 }
