@@ -301,6 +301,7 @@ static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
     CellCounts *t = &p->counts, *c = &v->counts;
     t->settled += c->settled, t->curved += c->curved, t->left += c->left;
     t->upset += c->upset, t->banded += c->banded;
+    t->rough_jump += c->rough_jump, t->rim_jump += c->rim_jump;
     for (uint32_t ch = 0; ch < SLT_MAX_CHANNELS; ch++)
         t->upset_jump[ch] += c->upset_jump[ch], t->rims[ch] += c->rims[ch];
     if (c->upset_edge && (!t->upset_edge || c->upset_edge < t->upset_edge)) t->upset_edge = c->upset_edge;

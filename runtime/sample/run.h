@@ -47,6 +47,7 @@ struct Run {
     Apart *apart;     /* for coincide.c; NULL: boundaries that coincide are not looked for */
     SltStats stats;   /* counts of the tiles merged so far */
     Sizes kept, gone; /* likewise; see Finder */
+    uint64_t steep, rims;
     SltError *err;
     double start; /* by pool_now() */
 };

@@ -54,6 +54,18 @@ class Tails(Case):
                 self.assertLess(bar, 1e-5)
                 self.assertNotIn("singular", words)
 
+    def test_derivative_images(self):
+        """They state no error; of a rim like this a third of the derivative is missing, or as much too much."""
+        source = "param float r = 0.3; shader float main(float2 x) { float d = length(x - 0.5), f = 0.0; [Disc] if (d < r) f = %s; return f; }"
+        shading = {"pow(1.0 - d / r, 0.1)": True, "pow(1.0 - d / r, 0.2)": True, "sqrt(1.0 - d / r)": False, "1.0 + d": False,
+                   "exp(-20.0 * (r - d))": False}
+        for f, warned in shading.items():
+            for estimator in ("auto", "lattice", "quadrature"):
+                with self.subTest(f, estimator=estimator):
+                    self.put("p.salt", source % f)
+                    said = self.run_cli("grad", "p.salt", "--wrt", "r", "--size", "32x32", "-o", "p.npy", "--estimator", estimator).err
+                    self.assertEqual("explain singular" in said, warned, said)
+
     def test_words(self):
         for name, (source, _) in PROGRAMS.items():
             with self.subTest(name):
