@@ -153,19 +153,15 @@ static int read_params(Reader *r, json_t *root) {
     return SLT_OK;
 }
 
-static int read_view(Reader *r, json_t *j, View *v) {
-    if (!json_is_object(j)) return bad(r, "views", "objects are wanted");
-    int status = known_keys(r, j, "views", KEYS("target", "mask", "params"));
-    if (status == SLT_OK) status = text_of(r, j, "target", &v->target_path, true);
-    if (status == SLT_OK) status = text_of(r, j, "mask", &v->mask_path, true);
-    if (status != SLT_OK) return status;
-    if (!v->target_path && !r->c->loss_command) return bad(r, "views", "every view needs a `target`");
-    json_t *params = json_object_get(j, "params"), *value;
+/* Values by name, malloc'd: of the parameters of a view or a target, or of constants. */
+static int read_values(Reader *r, json_t *root, const char *name, const char *where, SltSet **out, uint32_t *n) {
+    json_t *values = json_object_get(root, name), *value;
     const char *key;
-    if (!params) return SLT_OK;
-    if (!json_is_object(params)) return bad(r, "views.params", "an object is wanted");
-    v->params = cli_need(calloc(json_object_size(params) + 1, sizeof *v->params));
-    json_object_foreach(params, key, value) {
+    int status = SLT_OK;
+    if (!values) return SLT_OK;
+    if (!json_is_object(values)) return bad(r, where, "an object is wanted");
+    *out = cli_need(calloc(json_object_size(values) + 1, sizeof **out));
+    json_object_foreach(values, key, value) {
         char *text = NULL, *file = NULL;
         if (json_is_object(value) && json_object_size(value) == 1 && json_object_get(value, "file")) {
             status = text_of(r, value, "file", &file, true);
@@ -175,9 +171,38 @@ static int read_view(Reader *r, json_t *j, View *v) {
         } else {
             text = json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(17));
         }
-        v->params[v->nparams++] = (SltSet){scene_keep(r->s, strdup(key)), scene_keep(r->s, text)};
+        (*out)[(*n)++] = (SltSet){scene_keep(r->s, strdup(key)), scene_keep(r->s, text)};
     }
     return SLT_OK;
+}
+
+/* "target": a path, or {"shader": path, "entry": name, "params": {...}, "set": {...}, "spp": n}. */
+static int read_target(Reader *r, json_t *root, View *v) {
+    json_t *target = json_object_get(root, "target");
+    if (!json_is_object(target)) return text_of(r, root, "target", &v->target_path, true);
+    TargetShader *t = v->drawn = cli_need(calloc(1, sizeof *v->drawn));
+    double spp = 0;
+    int status = known_keys(r, target, "target", KEYS("shader", "entry", "params", "set", "spp"));
+    if (status == SLT_OK) status = text_of(r, target, "shader", &t->path, true);
+    if (status == SLT_OK && !t->path) status = bad(r, "target", "`shader` is missing");
+    if (status == SLT_OK) status = text_of(r, target, "entry", &t->entry, false);
+    if (status == SLT_OK) status = number_of(r, target, "spp", 1, 1 << 24, &spp);
+    if (status == SLT_OK) status = read_values(r, target, "params", "target.params", &t->params, &t->nparams);
+    if (status == SLT_OK) status = read_values(r, target, "set", "target.set", &t->sets, &t->nsets);
+    t->spp = (uint32_t)spp;
+    if (status == SLT_OK && r->c->loss_command) status = bad(r, "target", "a loss program wants a file");
+    return status;
+}
+
+static int read_view(Reader *r, json_t *j, View *v) {
+    if (!json_is_object(j)) return bad(r, "views", "objects are wanted");
+    int status = known_keys(r, j, "views", KEYS("target", "mask", "params", "entry"));
+    if (status == SLT_OK) status = read_target(r, j, v);
+    if (status == SLT_OK) status = text_of(r, j, "mask", &v->mask_path, true);
+    if (status == SLT_OK) status = text_of(r, j, "entry", &v->entry, false);
+    if (status != SLT_OK) return status;
+    if (!v->target_path && !v->drawn && !r->c->loss_command) return bad(r, "views", "every view needs a `target`");
+    return read_values(r, j, "params", "views.params", &v->params, &v->nparams);
 }
 
 static int read_views(Reader *r, json_t *root) {
@@ -188,7 +213,7 @@ static int read_views(Reader *r, json_t *root) {
     r->s->views = cli_need(calloc(n + 1, sizeof *r->s->views));
     if (!views) {
         View *v = &r->s->views[r->s->nviews++];
-        int status = text_of(r, root, "target", &v->target_path, true);
+        int status = read_target(r, root, v);
         return status == SLT_OK ? text_of(r, root, "mask", &v->mask_path, true) : status;
     }
     for (size_t i = 0; i < n; i++) {
@@ -199,10 +224,7 @@ static int read_views(Reader *r, json_t *root) {
 }
 
 /* "loss": {"command": "...", "timeout": S}; the command runs in the scene's folder. */
-static int read_loss(Reader *r, json_t *root) {
-    json_t *loss = json_object_get(root, "loss");
-    if (!loss) return SLT_OK;
-    if (!json_is_object(loss)) return bad(r, "loss", "an object is wanted");
+static int read_loss_command(Reader *r, json_t *loss) {
     char *command = NULL;
     double timeout = -1;
     int status = known_keys(r, loss, "loss", KEYS("command", "timeout"));
@@ -220,12 +242,73 @@ static int read_loss(Reader *r, json_t *root) {
     return SLT_OK;
 }
 
+/* "loss": "l2", "l1", "huber", {"huber": delta}, {"entry": name} or a command. */
+static int read_loss(Reader *r, json_t *root) {
+    json_t *loss = json_object_get(root, "loss");
+    char *name = NULL;
+    if (!loss || r->c->loss || r->c->loss_entry) return SLT_OK;
+    if (json_is_object(loss) && json_object_get(loss, "huber")) {
+        double delta = 0;
+        int status = known_keys(r, loss, "loss", KEYS("huber"));
+        if (status == SLT_OK) status = number_of(r, loss, "huber", 1e-30, 1e30, &delta);
+        if (status != SLT_OK) return status;
+        if (!(r->c->huber_delta > 0)) r->c->huber_delta = delta;
+        r->c->loss = "huber";
+        return SLT_OK;
+    }
+    if (json_is_object(loss) && json_object_get(loss, "entry")) {
+        int status = known_keys(r, loss, "loss", KEYS("entry"));
+        if (status == SLT_OK) status = text_of(r, loss, "entry", &name, false);
+        if (status == SLT_OK && !r->c->loss_command) r->c->loss_entry = name;
+        return status;
+    }
+    if (json_is_object(loss)) return read_loss_command(r, loss);
+    int status = text_of(r, root, "loss", &name, false);
+    if (status == SLT_OK && cli_choice(CLI_LOSSES, name) < 0)
+        return bad(r, "loss",
+                   "`l2`, `l1`, `huber`, {\"huber\": delta}, {\"entry\": name} or {\"command\": text} is wanted");
+    if (status == SLT_OK && !r->c->loss_command) r->c->loss = name;
+    return status;
+}
+
+/* "constant", "cosine" or {"exponential": factor}. */
+static int read_schedule(Reader *r, json_t *root) {
+    json_t *j = json_object_get(root, "schedule");
+    const char *name = json_string_value(j);
+    double decay = 0;
+    int status = SLT_OK;
+    if (!j || r->c->schedule_given) return SLT_OK;
+    if (json_is_object(j)) {
+        status = known_keys(r, j, "optimizer.schedule", KEYS("exponential"));
+        if (status == SLT_OK) status = number_of(r, j, "exponential", 1e-300, 1, &decay);
+    }
+    if (status != SLT_OK) return status;
+    if (!(decay > 0) && (!name || (strcmp(name, "constant") && strcmp(name, "cosine"))))
+        return bad(r, "optimizer.schedule", "\"constant\", \"cosine\" or {\"exponential\": factor} is wanted");
+    r->c->schedule = decay > 0 ? SLT_FIT_EXPONENTIAL : strcmp(name, "cosine") ? SLT_FIT_CONSTANT : SLT_FIT_COSINE;
+    r->c->decay = decay;
+    return SLT_OK;
+}
+
+static int read_betas(Reader *r, json_t *root) {
+    json_t *j = json_object_get(root, "betas");
+    if (!j || r->c->beta1 > 0) return SLT_OK;
+    double b[2] = {json_number_value(json_array_get(j, 0)), json_number_value(json_array_get(j, 1))};
+    if (json_array_size(j) != 2 || !(b[0] > 0 && b[0] < 1 && b[1] > 0 && b[1] < 1))
+        return bad(r, "optimizer.betas", "a list of two numbers between 0 and 1 is wanted");
+    r->c->beta1 = b[0], r->c->beta2 = b[1];
+    return SLT_OK;
+}
+
 static int read_optimizer(Reader *r, json_t *root) {
     json_t *o = json_object_get(root, "optimizer");
     if (!o) return SLT_OK;
     if (!json_is_object(o)) return bad(r, "optimizer", "an object is wanted");
-    int status = known_keys(r, o, "optimizer", KEYS("type", "iters", "lr"));
-    double iters = -1, lr = -1;
+    int status = known_keys(r, o, "optimizer", KEYS("type", "iters", "lr", "schedule", "betas", "views_per_step"));
+    double iters = -1, lr = -1, views = 0;
+    if (status == SLT_OK) status = read_schedule(r, o);
+    if (status == SLT_OK) status = read_betas(r, o);
+    if (status == SLT_OK) status = number_of(r, o, "views_per_step", 1, 1e6, &views);
     if (status == SLT_OK) status = text_of(r, o, "type", &r->s->optimizer, false);
     if (status == SLT_OK) status = number_of(r, o, "iters", 0, 1e8, &iters);
     if (status == SLT_OK) status = number_of(r, o, "lr", 0, 1e30, &lr);
@@ -238,6 +321,7 @@ static int read_optimizer(Reader *r, json_t *root) {
         }
         if (!r->c->optimizer_given) r->c->optimizer = r->s->optimizer;
     }
+    if (!r->c->views_per_step) r->c->views_per_step = (uint32_t)views;
     if (iters >= 0 && !r->c->iters_given) r->c->iters = (uint32_t)iters;
     if (lr >= 0 && r->c->nlr < CLI_MAX_LIST) {
         char text[40];
@@ -253,8 +337,8 @@ static int read_root(Reader *r, json_t *root) {
     int status =
         known_keys(r, root, "",
                    KEYS("shader", "entry", "set", "size", "spp", "segments", "samples", "seed", "params", "views",
-                        "target", "mask", "optimizer", "output", "filter", "minimize", "precision", "loss"));
-    double spp = -1, segments = -1, samples = -1, seed = -1;
+                        "target", "mask", "optimizer", "output", "filter", "minimize", "precision", "loss", "frames"));
+    double spp = -1, segments = -1, samples = -1, seed = -1, frames = 0;
     char *filter = NULL, *precision = NULL;
     if (status == SLT_OK) status = text_of(r, root, "shader", &r->s->shader, true);
     if (status == SLT_OK && !r->s->shader) status = bad(r, "", "`shader` is missing");
@@ -266,6 +350,7 @@ static int read_root(Reader *r, json_t *root) {
     if (status == SLT_OK) status = number_of(r, root, "segments", 1, 1e12, &segments);
     if (status == SLT_OK) status = number_of(r, root, "samples", 1, 1e12, &samples);
     if (status == SLT_OK) status = number_of(r, root, "seed", 0, 4294967295.0, &seed);
+    if (status == SLT_OK) status = number_of(r, root, "frames", 1, 1e8, &frames);
     if (status == SLT_OK) status = read_set(r, root);
     if (status == SLT_OK) status = read_size(r, root);
     if (status == SLT_OK) status = read_params(r, root);
@@ -286,6 +371,7 @@ static int read_root(Reader *r, json_t *root) {
     if (segments > 0 && !r->c->job.segments) r->c->job.segments = (uint64_t)segments;
     if (samples > 0 && !r->c->samples_given) r->c->job.samples = (uint64_t)samples, r->c->samples_given = true;
     if (seed >= 0 && !r->c->job.seed) r->c->job.seed = r->c->opt.seed = (uint32_t)seed;
+    if (!r->c->frames) r->c->frames = (uint32_t)frames;
     json_t *minimize = json_object_get(root, "minimize");
     if (minimize && !json_is_boolean(minimize)) return bad(r, "minimize", "true or false is wanted");
     if (json_is_true(minimize)) r->c->minimize = true;
@@ -319,6 +405,8 @@ void scene_free(Scene *s) {
         free(s->views[v].target);
         free(s->views[v].mask);
         free(s->views[v].params);
+        if (s->views[v].drawn) free(s->views[v].drawn->params), free(s->views[v].drawn->sets);
+        free(s->views[v].drawn);
     }
     free(s->views);
     free(s->params);

@@ -70,7 +70,7 @@ static bool worker_init(Run *r, Worker *w, uint32_t accums, SinkKind kind) {
     if (!accum_init(&w->acc, r->s, accums)) return false;
     if (!finder_init(&w->finder, &w->batch)) return false;
     if (!sink_init(&w->sink, kind, &w->batch, &w->acc, &w->finder, &r->grid)) return false;
-    w->finder.full = sink_take, w->finder.full_user = &w->sink;
+    w->finder.full = sink_take, w->finder.silent_full = sink_take_silent, w->finder.full_user = &w->sink;
     if (scene_outputs(r->s, SLT_K_REGION, SLT_OUT_NEAR_SITE) && !near_init(w)) return false;
     if (follows(r) && !(w->follow = w->sink.follow = follow_new())) return false;
     return cull_lists_init(&w->cull, &r->cull);
