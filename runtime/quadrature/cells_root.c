@@ -330,6 +330,9 @@ static bool is_rough(const Cells *c, const Root *r) {
     return c->cell[c->piece[c->column[r->column].piece].cell].state & SLT_BOX_ROUGH;
 }
 
+#define RIM 0x1p-6     /* of a jump: by that f changes so near to it where it is a small power of the distance, */
+#define RIM_MOST 0.74 /* and by no more: 4^0.4 - 1 */
+
 /* Of active[0..n). only_look: f stays what it is. Returns whether it is steep anywhere. */
 static bool take_far(Cells *c, uint32_t n, bool only_look) {
     Batch *b = c->b;
@@ -355,6 +358,11 @@ static bool take_far(Cells *c, uint32_t n, bool only_look) {
             steep |= is_steep(c, s, i & 1, f, c->b->f64 ? STEEP_F64 : STEEP);
             /* By so much f may also bend: then the two rules, of which one keeps its sides, differ by all of it. */
             bool bends = !is_rough(c, r) && c->column[r->column].rule == CELL_COARSE && is_steep(c, s, i & 1, f, BENDS);
+            for (uint32_t ch = 0; ch < c->s->channels && !only_look && is_rough(c, r) && place[i] != at; ch++) {
+                double jump = fabs(s->f[1][ch] - s->f[0][ch]), part = fabs(f[ch] - s->f[i & 1][ch]) / jump;
+                c->counts->rough_jump += jump;
+                if (part > RIM && part < RIM_MOST) c->counts->rim_jump += jump;
+            }
             for (uint32_t ch = 0; ch < c->s->channels && !only_look && !bends && place[i] != at; ch++) {
                 double v = carried_on(r, at, place[i], s->f[i & 1][ch], f[ch], is_rough(c, r));
                 if (isfinite(v)) s->f[i & 1][ch] = v;

@@ -38,6 +38,8 @@ void quadrature_state(Run *r, const Sweep *p) {
     t->cells = true;
     t->settled = p->counts.settled, t->curved = p->counts.curved, t->left = p->counts.left;
     t->upset = fmin(p->counts.upset, 1), t->upset_line = 0;
+    /* No error is stated that would say so. */
+    if (p->kind == SWEEP_FORWARD && p->counts.rim_jump > 0) t->singular = p->counts.rim_jump / p->counts.rough_jump;
     if (p->counts.upset_edge && s->edge_line) t->upset_line = s->edge_line[p->counts.upset_edge - 1];
     /* Sums round, and tiles end two floats inside of the domain. */
     double all = t->settled + t->curved;

@@ -109,6 +109,8 @@ SltStatus slt_estimate_forward(const SltScene *s, const SltJob *j, uint32_t ndir
         Boundary y = {
             .run = &r, .segments = segments_of(j), .out = out, .crossings = crossings, .dirs = &d, .classes = 1};
         if (st == SLT_OK && !j->no_boundary) st = boundary_run(&y, SINK_FORWARD);
+        /* A few are steep for other reasons. */
+        if (4 * r.rims > r.steep) r.stats.singular = (double)r.rims / (double)r.steep;
         r.stats.seconds_boundary = pool_now() - t;
     }
     run_end(&r, stats);
