@@ -25,6 +25,7 @@ struct SltProgram {
     SltOptions opt; /* what it points at lies in the session */
     PassCtx passes;
     Target target;
+    int source; /* of session->sources: the file or string that was compiled */
 
     atomic_bool in_use;           /* by a public function that reads or writes what follows */
     _Atomic(const void *) holder; /* the thread whose fit holds the program, as call.c names threads; NULL: none */
@@ -132,6 +133,10 @@ void api_geometries_want(SltProgram *p, const Fn *fn); /* fn will run: the next 
 /* Makes the geometries that compiled kernels ask for; those that are there follow their numbers in flt. */
 SltStatus api_geometries(SltProgram *p, SltError *err);
 
+/* ---- program.c: the source of p with more text behind it and another entry, under the options of p. As
+ * slt_compile_string. */
+SltStatus api_compile_beside(const SltProgram *p, const char *more, const char *entry, SltProgram **out);
+
 /* ---- values.c */
 void api_flt_from(SltProgram *p, const double *values, uint32_t base,
                   uint32_t count);                                     /* flt[base..] = values[base..] */
@@ -148,7 +153,7 @@ SltStatus api_set_text(SltProgram *p, const char *name, const char *value, SltEr
 bool api_looks_like_glsl(const char *text);
 /* The files that declarations name as values; the front end asks for their dimensions by api_probe_asset. */
 SltStatus api_load_assets(SltProgram *p, SltError *err);
-bool api_probe_asset(void *user, const char *path, char kind, uint32_t dims[4], uint32_t *ndims, const char **why);
+AssetProbe api_probe_asset;
 
 /* ---- kernels.c: facts of the program */
 uint64_t api_event_bound(const SltProgram *p); /* the most events that one sample may meet */

@@ -93,7 +93,7 @@ static void copy_options(Session *s, void *user) {
 
 typedef struct Compile {
     SltProgram *p;
-    const char *path, *text, *shown;
+    const char *path, *text, *shown, *dir; /* path, or text from the folder dir */
     SltStatus status;
 } Compile;
 
@@ -149,8 +149,9 @@ static void compile_body(Session *s, void *arg) {
             return;
         }
     } else {
-        file = session_add_text(s, c->shown, ".", c->text, strlen(c->text));
+        file = session_add_text(s, c->shown, c->dir, c->text, strlen(c->text));
     }
+    p->source = file;
     if (p->opt.sandbox && file >= 0) s->sandbox = s->sources[file].dir;
     ConstOverride *overrides = ARENA_ARRAY(&s->session, ConstOverride, p->opt.nset + 1);
     for (uint32_t i = 0; i < p->opt.nset; i++)
@@ -214,7 +215,7 @@ static SltStatus fill_program(SltProgram *p) {
     return status;
 }
 
-static SltStatus compile(const char *path, const char *text, const char *shown, const SltOptions *opt,
+static SltStatus compile(const char *path, const char *text, const char *shown, const char *dir, const SltOptions *opt,
                          SltProgram **out) {
     *out = NULL;
     SltProgram *p = calloc(1, sizeof *p);
@@ -240,7 +241,7 @@ static SltStatus compile(const char *path, const char *text, const char *shown, 
     }
     if ((unsigned)o->field > SLT_STRUCTURE_NAIVE)
         return status_fail(&p->error, SLT_USAGE, "unknown structure of geometries %d", (int)o->field);
-    Compile c = {.p = p, .path = path, .text = text, .shown = shown};
+    Compile c = {.p = p, .path = path, .text = text, .shown = shown, .dir = dir};
     unwound = session_protect(s, compile_body, &c);
     if (unwound) return status_fail(&p->error, (SltStatus)unwound, "%s", s->unwind_text);
     if (c.status != SLT_OK) return c.status;
@@ -248,11 +249,27 @@ static SltStatus compile(const char *path, const char *text, const char *shown, 
 }
 
 SltStatus slt_compile_file(const char *path, const SltOptions *opt, SltProgram **out) {
-    return compile(path, NULL, path, opt, out);
+    return compile(path, NULL, path, NULL, opt, out);
 }
 
 SltStatus slt_compile_string(const char *source, const char *shown_name, const SltOptions *opt, SltProgram **out) {
-    return compile(NULL, source, shown_name ? shown_name : "<string>", opt, out);
+    return compile(NULL, source, shown_name ? shown_name : "<string>", ".", opt, out);
+}
+
+SltStatus api_compile_beside(const SltProgram *p, const char *more, const char *entry, SltProgram **out) {
+    const Source *s = &p->session->sources[p->source];
+    SltOptions opt = p->opt;
+    opt.entry = entry, opt.rgba8 = false;
+    opt.dump = opt.verify_after = opt.stop_after = NULL;
+    size_t n = strlen(more);
+    char *text = malloc(s->len + n + 1);
+    *out = NULL;
+    if (!text) return SLT_LIMIT;
+    memcpy(text, s->text, s->len);
+    memcpy(text + s->len, more, n + 1);
+    SltStatus status = compile(NULL, text, s->path, s->dir, &opt, out);
+    free(text);
+    return status;
 }
 
 void slt_program_free(SltProgram *p) {

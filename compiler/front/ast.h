@@ -352,6 +352,7 @@ struct Func {
     Span tangent_span;
     Func *tangent;
     bool nodisc; /* [NoDisc] covers the whole body */
+    bool jumps;  /* of the standard library: [Disc] at a call makes sites in it, as of a jumping builtin */
     bool uses_rand;
     /* shaders */
     uint32_t dim; /* 1..3 */
@@ -406,9 +407,10 @@ typedef struct ConstOverride {
 } ConstOverride;
 
 /* Tells the dimensions of an asset before any value is read. Supplied by the caller, so that the compiler does not read
- * images. kind: 't' texture (w, h, c), 'g' grid of numbers (w, h), 'a' table of an array (dims[0..ndims) outermost
- * first). Returns false with *why set. */
-typedef bool AssetProbe(void *user, const char *path, char kind, uint32_t dims[4], uint32_t *ndims, const char **why);
+ * images. `of` is the parameter, with its type: of a texture dims are w, h, c, of a geometry w, h, of an array those of
+ * the table, outermost first. Returns false with *why set. */
+typedef bool AssetProbe(void *user, const char *path, const Symbol *of, uint32_t dims[4], uint32_t *ndims,
+                        const char **why);
 
 /* A file from the command line in place of a parameter's own value (`--param discs=@values.csv`): gives open sizes and
  * those of textures. */

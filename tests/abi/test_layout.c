@@ -290,12 +290,17 @@ static void write_layout(FILE *out) {
     MEMBER(SltParam, height_scale);
     MEMBER(SltParam, height_offset);
     END(SltParam);
+    ENUM(SltFitMetric);
+    VALUE(SLT_FIT_L2);
+    VALUE(SLT_FIT_L1);
+    VALUE(SLT_FIT_HUBER);
     STRUCT(SltFitView);
     MEMBER(SltFitView, struct_size);
     MEMBER(SltFitView, target);
     MEMBER(SltFitView, mask);
     MEMBER(SltFitView, values);
     MEMBER(SltFitView, nvalues);
+    MEMBER(SltFitView, program);
     END(SltFitView);
     STRUCT(SltFitNumber);
     MEMBER(SltFitNumber, name);
@@ -359,6 +364,9 @@ static void write_layout(FILE *out) {
     MEMBER(SltFitOptions, iterated);
     MEMBER(SltFitOptions, iterated_user);
     MEMBER(SltFitOptions, stats);
+    MEMBER(SltFitOptions, metric);
+    MEMBER(SltFitOptions, huber_delta);
+    MEMBER(SltFitOptions, loss_entry);
     END(SltFitOptions);
     ENUM(SltFitStop);
     VALUE(SLT_FIT_RUNNING);

@@ -516,10 +516,22 @@ shader float main(float2 x) {
                 self.assertEqual(self.json_cli("render", "j.salt", "--size", 2)["mean"], [want])
                 self.put("named.json", '{"p": %s, "q": 1}' % rows)
                 self.assertEqual(self.json_cli("render", "j.salt", "--size", 2, "--param", "p=@named.json")["mean"], [want])
-        for rows in ("[[1, 2], [3]]", "[[1, 2], 3]", "3", "{}", "[]"):
+                line = re.findall(r"[0-9]+", rows) if kind != "S" else ["1", "2", "3", "0", "1", "5"]
+                elements = len(json.loads(rows))
+                each = len(line) // elements
+                for text in ('{"p": %s}' % rows, "[%s]" % ", ".join(line), "[[%s]]" % "], [".join(", ".join(line[k * each:(k + 1) * each]) for k in range(elements)))[:2 if kind == "float" else 3]:
+                    self.put("p.json", text)  # by name in the source's own file; all in a line; a line for each element
+                    self.assertEqual(self.json_cli("render", "j.salt", "--size", 2)["mean"], [want])
+        for rows in ("[[1, 2], [3]]", "[[1, 2], 3]", "[1, 2, 3]", "3", "{}", "[]"):
             self.put("j.salt", body % ("param", "float2", "p[i].y"))
             self.put("p.json", rows)
             self.assertIn("p.json", self.run_cli("render", "j.salt", "--size", 2, code=4).err)
+        n = 170  # more numbers than an array may list
+        self.put("big.salt", 'param float g[][%d][%d] = "g.npy"; shader float main(float x) { return g[int(%d * x)][1][2]; }' % (n, n, n))
+        plane = [0.0] * (n * n)
+        plane[n + 2] = 0.5
+        self.put("g.npy", write_npy((n, n, n), plane * n, "<f4"))
+        self.assertEqual(self.json_cli("render", "big.salt", "--size", 16)["mean"], [0.5])
         os.remove(self.path("pts.npy"))
         self.assertIn("pts.npy", self.run_cli("render", "o.salt", "--size", 2, code=4).err)
 

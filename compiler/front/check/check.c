@@ -432,7 +432,6 @@ static void check_function(Checker *c, Func *f) {
     context_leave(c, old);
     check_loops(c, f);
     if (!f->module->glsl && !syntax_error_in(c, f)) check_flow(c, f); /* GLSL reads what has no value: zero */
-    check_discs(c, f);
 }
 
 /* ---- the call graph */
@@ -604,6 +603,7 @@ Func *check_program(Session *s, Module *main, const FrontOptions *opt) {
         }
     }
     for (uint32_t i = 0; i < c->ninfo; i++) check_function(c, c->info[i].func);
+    for (uint32_t i = 0; i < c->ninfo; i++) check_discs(c, c->info[i].func); /* looks into functions: all have types */
     Frame *stack = ARENA_ARRAY(c->arena, Frame, c->ninfo + 1);
     for (uint32_t i = 0; i < c->ninfo; i++)
         if (!c->info[i].color) walk_calls(c, &c->info[i], stack);

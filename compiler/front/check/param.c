@@ -120,7 +120,7 @@ void check_const_decl(Checker *c, Symbol *sym, ModuleScope *scope) {
     Context old = context_enter(c, scope, NULL);
     sym->module = scope->module;
     bool open = sym->type_ref->ndims && !sym->type_ref->dims[0] && sym->init && sym->init->kind == E_LIST;
-    Type *t = resolve_type(c, sym->type_ref, open, CHECK_MAX_ARRAY);
+    Type *t = resolve_type(c, sym->type_ref, open, CHECK_MAX_CONST);
     if (open && t->kind == T_ARRAY) t = type_array(c->s, t->elem, sym->init->nargs ? sym->init->nargs : 1);
     if (type_is_resource(t)) {
         diag_emit(c->s, DIAG_bad_resource, sym->span,
@@ -154,14 +154,14 @@ static ParamFile *file_override(Checker *c, const char *name) {
     return NULL;
 }
 
-static bool probe_asset(Checker *c, Symbol *sym, char kind, uint32_t dims[4], uint32_t *ndims) {
+static bool probe_asset(Checker *c, const Symbol *sym, uint32_t dims[4], uint32_t *ndims) {
     const char *why = NULL;
     bool ok = false;
     *ndims = 0;
     bool own = !file_override(c, sym->doc_name); /* the source names it, and not the caller */
     if (!c->opt || !c->opt->probe) why = "files cannot be read here";
     else if (!own || session_allows(c->s, sym->asset_text, sym->asset, &why))
-        ok = c->opt->probe(c->opt->probe_user, sym->asset, kind, dims, ndims, &why);
+        ok = c->opt->probe(c->opt->probe_user, sym->asset, sym, dims, ndims, &why);
     if (ok) return true;
     diag_emit(c->s, DIAG_bad_asset, sym->value_span.file >= 0 ? sym->value_span : sym->span, sym->asset,
               why ? why : "unknown reason");
@@ -180,7 +180,7 @@ static Type *shape_error(Checker *c, const Symbol *sym, const char *text) {
 static Type *array_from_asset(Checker *c, Symbol *sym, Type *t) {
     Session *s = c->s;
     uint32_t dims[4] = {0}, nd = 0;
-    if (!probe_asset(c, sym, 'a', dims, &nd)) return c->t_error;
+    if (!probe_asset(c, sym, dims, &nd)) return c->t_error;
     uint64_t total = 1;
     const char *shape = "";
     for (uint32_t i = 0; i < nd && i < 4; i++) {
@@ -188,7 +188,8 @@ static Type *array_from_asset(Checker *c, Symbol *sym, Type *t) {
         shape = arena_printf(&s->session, "%s%s%u", shape, i ? " x " : "", dims[i]);
     }
     uint64_t per = type_components(t->elem), first = nd ? dims[0] : 0;
-    if (nd == 2 && per == 1 && dims[0] == 1) first = dims[1]; /* one line of numbers */
+    if (per && total % per == 0 && (nd == 1 || (nd == 2 && dims[0] == 1)))
+        first = total / per; /* one line of numbers */
     if (!first || total != first * per)
         return shape_error(c, sym,
                            arena_printf(&s->session, "`%s` has %s numbers, `%s` has %llu in an element of type %s",
@@ -200,7 +201,7 @@ static Type *array_from_asset(Checker *c, Symbol *sym, Type *t) {
                                         (unsigned long long)first, sym->name, t->n));
     if (total > CHECK_MAX_ARRAY) {
         diag_emit(s, DIAG_array_limit, sym->span, arena_printf(&s->session, "%llu scalars", (unsigned long long)total),
-                  "4194304 (2^22)");
+                  "268435456 (2^28)");
         return c->t_error;
     }
     return t->n ? t : type_array(s, t->elem, (uint32_t)first);
@@ -211,7 +212,7 @@ static const GeometryType *geometry_of(const Type *t) { return t->kind == T_GEOM
 
 static bool texture_from_asset(Checker *c, Symbol *sym, const GeometryType *grid) {
     uint32_t dims[4] = {0}, nd = 0;
-    if (!probe_asset(c, sym, grid ? 'g' : 't', dims, &nd)) return false;
+    if (!probe_asset(c, sym, dims, &nd)) return false;
     sym->tex_w = dims[0];
     sym->tex_h = nd > 1 ? dims[1] : 0;
     sym->tex_c = grid ? 1 : nd > 2 ? dims[2] : 1;
@@ -347,7 +348,7 @@ static bool param_value(Checker *c, Symbol *sym) {
     if (open) {
         if (sym->init->kind == E_LIST) {
             if (!sym->init->nargs) return param_error(c, sym, "an array has at least one element");
-            if ((uint64_t)sym->init->nargs * type_components(t->elem) > CHECK_MAX_ARRAY) {
+            if ((uint64_t)sym->init->nargs * type_components(t->elem) > CHECK_MAX_CONST) {
                 diag_emit(s, DIAG_array_limit, sym->span, "more than 4194304 scalars", "4194304 (2^22)");
                 return false;
             }
