@@ -53,10 +53,12 @@ struct SltProgram {
     uint32_t *list_counts;    /* [SLT_MAX_CULL]: iterations of each */
     uint8_t *list_noted;      /* [SLT_MAX_CULL]: 1 where `bounds` notes which can matter */
     uint8_t *site_kind, *site_static, *site_skips, *site_ties; /* by site: see SltScene */
-    uint8_t *edge_upsets;                                      /* as edge_kind; NULL: no seam does */
-    uint32_t *edge_line;                                       /* likewise: of the source */
-    uint8_t *edge_bends;                                       /* by edge: see SltScene */
-    uint8_t *edge_kind; /* by edge; NULL until a kernel that knows edges was asked for */
+    SltTwins *twins;                                           /* [ntwins] */
+    uint32_t ntwins;
+    uint8_t *edge_upsets; /* as edge_kind; NULL: no seam does */
+    uint32_t *edge_line;  /* likewise: of the source */
+    uint8_t *edge_bends;  /* by edge: see SltScene */
+    uint8_t *edge_kind;   /* by edge; NULL until a kernel that knows edges was asked for */
     uint32_t nedges;
     bool flat, told, chunked;       /* see SltScene */
     uint8_t *dense;                 /* [nfloats]: 1 where some reverse kernel adds to adj */
