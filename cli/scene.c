@@ -1,4 +1,5 @@
 /* The scene file of `fit`. Unknown keys are errors that name the nearest known one; paths are relative to the file. */
+#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -54,7 +55,9 @@ static char *relative(Reader *r, const char *path) {
 
 /* NULL: the scene may name the file. */
 static const char *refusal(const Reader *r, const char *text, const char *path) {
-    return r->c->opt.sandbox ? sandbox_refusal(r->s->dir, text, path) : NULL;
+    const char *why = r->c->opt.sandbox ? sandbox_refusal(r->s->dir, text, path) : NULL;
+    if (why && errno == ENOMEM) cli_need(NULL);
+    return why;
 }
 
 static int text_of(Reader *r, json_t *root, const char *key, char **out, bool path) {

@@ -200,6 +200,7 @@ SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral 
     if (j.interior == SLT_INTERIOR_SAMPLES && !(j.no_interior && !value))
         return with_samples(s, &j, out, turned, stats, err);
     Outlook outlook = quadrature_outlook(s, &j, stats);
+    if (outlook.no_memory) return status_fail(err, SLT_LIMIT, "out of memory");
     if (outlook.unproven > QUADRATURE_HOPELESS) return by_lattice(s, &j, out, stats, err);
     SltStatus st = run_begin(&r, s, &j, err);
     bool asks = turned && gradient && !(j.error > 0 || j.abs_error > 0) && !quadrature_marches(s, &j);

@@ -200,7 +200,8 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
         if (st == SLT_OK && classes > 1) combine(part, own, gradient, stderr_bound, s->nfloats);
         of = y, of.classes = classes;
     }
-    for (uint32_t p = 0; p < s->nfloats && stderr_bound; p++) stderr_bound[p] = sqrt(stderr_bound[p]) + fabs(missed[p]);
+    for (uint32_t p = 0; p < s->nfloats && stderr_bound && missed; p++)
+        stderr_bound[p] = sqrt(stderr_bound[p]) + fabs(missed[p]);
     if (st == SLT_OK && !j->no_boundary) st = lost_add(&r, &of, 1, stderr_bound);
     r.stats.seconds_boundary = pool_now() - t;
     mask_inactive(s, gradient), mask_inactive(s, stderr_bound);
