@@ -195,10 +195,9 @@ static SltStatus set_params_json(SltProgram *p, const char *text, const char *sh
     json_t *j;
     if (status == SLT_OK) json_object_foreach(root, key, j) {
             ParamRef ref;
-            const char *why = NULL;
-            if (!program_find(p->prog, key, &ref, &why))
-                status = status_fail(err, SLT_INPUT, "%s: %s", shown_name, why ? why : "unknown parameter");
-            else if (!strcmp(key, ref.param->name)) status = values_read_param(&s, ref.param, j);
+            status = api_find(p, key, SLT_INPUT, shown_name, &ref, err);
+            if (status != SLT_OK) break;
+            if (!strcmp(key, ref.param->name)) status = values_read_param(&s, ref.param, j);
             else {
                 ShapeCursor c = {ref.fbase, ref.ibase};
                 status = read_value(&s, j, ref.type, &c, key);
@@ -220,11 +219,10 @@ SltStatus slt_set_params_json(SltProgram *p, const char *text, const char *shown
 
 SltStatus api_set_text(SltProgram *p, const char *name, const char *value, SltError *err) {
     ParamRef ref;
-    const char *why = NULL;
-    if (!program_find(p->prog, name, &ref, &why))
-        return status_fail(err, SLT_USAGE, "%s", why ? why : "there is no such parameter");
+    SltStatus status = api_find(p, name, SLT_USAGE, NULL, &ref, err);
+    if (status != SLT_OK) return status;
     Stage s = {.p = p, .err = err, .shown = name};
-    SltStatus status = stage_begin(&s);
+    status = stage_begin(&s);
     if (status == SLT_OK && value[0] == '@') {
         if (strcmp(name, ref.param->name) != 0)
             status = status_fail(err, SLT_USAGE, "`%s`: a file gives a whole parameter", name);

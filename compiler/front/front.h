@@ -113,7 +113,7 @@ typedef struct ParamRef {
     uint32_t fbase, fcount; /* the floats named, contiguous */
     uint32_t ibase, icount;
 } ParamRef;
-bool program_find(const Program *p, const char *name, ParamRef *out,
-                  const char **why); /* why suggests the nearest name */
+/* why suggests the nearest name: a text in the session arena, which a name that is found takes nothing of. */
+bool program_find(const Program *p, const char *name, ParamRef *out, const char **why);
 
 #endif

@@ -88,17 +88,17 @@ static bool step_field(const Program *p, ParamRef *r, const char **at, const cha
     }
     if (t->kind != T_STRUCT)
         return fail(p, why, arena_printf(a, "`%s`: %s has no field `%.*s`", start, t->name, (int)n, name));
-    const char **names = ARENA_ARRAY(a, const char *, t->nfields + 1);
     for (uint32_t k = 0; k < t->nfields; k++) {
         Counts c = counts(t->fields[k].type);
-        names[k] = t->fields[k].name;
-        if (strlen(names[k]) == n && !strncmp(names[k], name, n)) {
+        if (strlen(t->fields[k].name) == n && !strncmp(t->fields[k].name, name, n)) {
             r->fcount = c.f, r->icount = c.i;
             r->type = t->fields[k].type;
             return true;
         }
         r->fbase += c.f, r->ibase += c.i;
     }
+    const char **names = ARENA_ARRAY(a, const char *, t->nfields + 1);
+    for (uint32_t k = 0; k < t->nfields; k++) names[k] = t->fields[k].name;
     const char *near = suggest_nearest(arena_strndup(a, name, n), names, t->nfields);
     return fail(p, why,
                 arena_printf(a, "`%s`: %s has no field `%.*s`%s%s%s", start, t->name, (int)n, name,

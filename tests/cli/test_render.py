@@ -377,6 +377,20 @@ class Render(Case):
         self.assertEqual(codes, {0, 6})
         self.no_leftovers("a.pfm")
 
+    def test_no_executable_memory(self):
+        # Hardened systems refuse it: no fault of ours, and the interpreter needs none.
+        import ctypes
+        self.put("c.salt", CIRCLE)
+        libc = ctypes.CDLL(None)
+        refuse = lambda: libc.prctl(65, 1, 0, 0, 0)  # PR_SET_MDWE, PR_MDWE_REFUSE_EXEC_GAIN
+        if subprocess.run([sys.executable, "-c", "import ctypes, sys; sys.exit(ctypes.CDLL(None).prctl(65, 1, 0, 0, 0) != 0)"]).returncode:
+            self.skipTest("a kernel before 6.3")
+        for more, code in (("--no-cache", 6), ("--interpret", 0)):
+            p = subprocess.run([BIN, "render", "c.salt", more, "--size", "4", "-o", "a.pfm"], cwd=self.dir, capture_output=True, env=self.environment(), preexec_fn=refuse)
+            self.assertEqual(p.returncode, code, p.stderr)
+            self.assertEqual(b"system refuses executable memory" in p.stderr, code == 6, p.stderr)
+        self.no_leftovers("a.pfm")
+
     def test_time_limit(self):
         self.put("slow.salt", "shader float main(float2 x) { float s = 0.0; for (int i = 0; i < 100000; i++) s += sin(x.x * i + s); return s; }")
         start = self.processor()
