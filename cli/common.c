@@ -191,16 +191,24 @@ static int refuse_sources(const Cli *c, const SltProgram *p) {
     return SLT_OK;
 }
 
-/* NaN and infinities are values like others; whoever meant something else should hear of it. */
+static const char larger[] = " in single precision; --precision f64 holds larger numbers";
+
+/* NaN and infinities are values like others, as are numbers that single precision takes for infinite; whoever meant
+ * something else should hear of it. */
 static void warn_not_finite(const Cli *c, const SltProgram *p) {
+    for (uint32_t i = 0; i < c->nsets && !c->quiet && !c->opt.f64; i++)
+        if (isinf((float)strtod(c->sets[i].value, NULL)))
+            cli_say(CLI_WARNING, "not_finite", NULL, "const `%s` is infinite%s", c->sets[i].name, larger);
     for (uint32_t i = 0; i < slt_param_count(p) && !c->quiet; i++) {
         SltParam q = SLT_PARAM_INIT;
         slt_param(p, i, &q);
         if (q.is_texture) continue;
         const double *v = slt_floats(p) + q.fbase;
         for (uint32_t k = 0; k < q.fcount; k++) {
-            if (isfinite(v[k])) continue;
-            cli_say(CLI_WARNING, "not_finite", NULL, "parameter `%s` is %s", q.name, isnan(v[k]) ? "nan" : "infinite");
+            bool large = isfinite(v[k]) && !c->opt.f64 && isinf((float)v[k]);
+            if (isfinite(v[k]) && !large) continue;
+            cli_say(CLI_WARNING, "not_finite", NULL, "parameter `%s` is %s%s", q.name, isnan(v[k]) ? "nan" : "infinite",
+                    large ? larger : "");
             break;
         }
     }
@@ -328,6 +336,8 @@ int cli_compile(Cli *c, SltProgram **out) {
     warn_not_finite(c, p);
     if (c->nparams || c->params_file) session_protect(p->session, warn_of_ranges, p);
     if (!c->quiet) cli_tell(c, p);
+    for (uint32_t i = 0; i < c->nwrt && c->verb->bit != FIT; i++)
+        if (strstr(c->wrt[i], "[*]")) return cli_usage(c, "--wrt %s: many at once are for `fit`", c->wrt[i]);
     if (c->nwrt && slt_wrt(p, c->wrt, c->nwrt, &err) != SLT_OK) return cli_fail(c, &err);
     tell_costs(c, p);
     return SLT_OK;

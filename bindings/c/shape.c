@@ -65,6 +65,10 @@ void shape_field(SltParam *q, uint32_t index) {
     for (uint32_t k = 0; k < index; k++) count(t->fields[k].type, &q->fbase, &q->ibase);
     q->fcount = q->icount = 0;
     count(field->type, &q->fcount, &q->icount);
+    if (field->attrs) {
+        q->log |= field->attrs->log;
+        if (field->attrs->has_range) q->has_range = true, q->lo = field->attrs->lo, q->hi = field->attrs->hi;
+    }
     q->name = field->name, q->type = field->type->name;
     q->differentiable &= q->fcount > 0;
     shape_describe(&plain, field->type, q);

@@ -154,16 +154,19 @@ SltStatus api_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError 
         if (q->differentiable) memset(mask + q->fbase, 1, q->fcount);
     }
     for (uint32_t i = 0; i < n; i++) {
-        SltParam q;
-        SltStatus status = find(p, names[i], &q, err);
-        if (status == SLT_OK && (!q.differentiable || !q.fcount))
+        ParamPattern q;
+        const char *why = NULL;
+        SltStatus status = SLT_OK;
+        if (!program_find_pattern(p->prog, names[i], &q, &why))
+            status = status_fail(err, SLT_USAGE, "%s", why ? why : "there is no such parameter");
+        else if (!q.at.param->differentiable || !q.at.fcount)
             status = status_fail(err, SLT_USAGE, "`%s` has no gradient: it is %s", names[i],
-                                 q.fcount ? "marked [NoDiff]" : "an integer");
+                                 q.at.fcount ? "marked [NoDiff]" : "an integer");
         if (status != SLT_OK) {
             free(mask);
             return status;
         }
-        memset(mask + q.fbase, 1, q.fcount);
+        program_mark(&q, mask);
     }
     if (memcmp(mask, p->wrt, p->prog->nfloats) != 0) api_forget_gradients(p);
     memcpy(p->wrt, mask, p->prog->nfloats);

@@ -35,10 +35,12 @@ typedef enum TypeKind {
 } TypeKind;
 
 typedef struct Type Type;
+typedef struct ParamAttrs ParamAttrs;
 typedef struct Field {
     const char *name;
     Type *type;
     Span span;
+    const ParamAttrs *attrs; /* [Range] and [Log] of it; NULL: none */
 } Field;
 struct Type {
     TypeKind kind;
@@ -73,6 +75,7 @@ typedef struct FieldDecl {
     const char *name;
     Span span; /* of the name */
     TypeRef *type_ref;
+    ParamAttrs *attrs; /* as of Field; shared by the fields of one declaration */
 } FieldDecl;
 typedef struct StructDecl StructDecl;
 struct StructDecl {
@@ -234,8 +237,8 @@ struct Expr {
 typedef enum SymbolKind { SYM_LOCAL, SYM_ARG, SYM_CONST, SYM_PARAM } SymbolKind;
 typedef enum ArgMode { ARG_IN, ARG_OUT, ARG_INOUT } ArgMode;
 
-/* Attributes of parameters ([Range] and friends). */
-typedef struct ParamAttrs {
+/* Attributes of parameters ([Range] and friends), and of fields ([Range], [Log]). */
+struct ParamAttrs {
     /* as parsed: constant expressions, which the checker evaluates into the numbers below and sets the has_ flag */
     Expr *range_args[2], *extent_args[4], *height_args[2];
     Span range_span, extent_span, height_span, color_span, log_span, nodiff_span;
@@ -243,7 +246,7 @@ typedef struct ParamAttrs {
     double lo, hi;
     const char *doc;
     double extent[4], height_scale, height_offset;
-} ParamAttrs;
+};
 
 struct Symbol {
     SymbolKind kind;

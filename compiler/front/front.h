@@ -116,4 +116,17 @@ typedef struct ParamRef {
 /* why suggests the nearest name: a text in the session arena, which a name that is found takes nothing of. */
 bool program_find(const Program *p, const char *name, ParamRef *out, const char **why);
 
+/* Of every float of q, arrays of q->fcount: the bounds of [Range] and whether [Log] marks it. A field's attributes come
+ * before its parameter's. */
+void program_limits(const Param *q, double *lo, double *hi, uint8_t *log);
+
+/* Many at once: an index may be a star, "discs[*].centre". */
+enum { PARAM_MAX_STARS = 8 };
+typedef struct ParamPattern {
+    ParamRef at;                                                      /* with 0 for every star */
+    uint32_t nstars, count[PARAM_MAX_STARS], stride[PARAM_MAX_STARS]; /* elements, and floats from one to the next */
+} ParamPattern;
+bool program_find_pattern(const Program *p, const char *name, ParamPattern *out, const char **why);
+void program_mark(const ParamPattern *pattern, uint8_t *floats); /* sets floats[i] to 1 where i is of the pattern */
+
 #endif

@@ -77,19 +77,19 @@ typedef struct Boxes {
     const Fn *from; /* dense ids */
     Fn *to;
     Arena *arena;
-    bool edges;         /* edge_bounds, prune: nothing is recorded */
-    bool ends_alone;    /* prune: chunks hand on lower and upper ends, and nothing else */
-    uint8_t *fact;      /* by id: FACT_* */
-    bool *wanted;       /* by id: its error is; NULL: no error is */
-    bool wants_given;   /* ... and those of all that chunks give */
-    Boxed *value;       /* by id */
-    const Inst **rival; /* by id of a comparison with what is the same on all of the box: the next one of that value */
-    Inst **answer;      /* by id of a query: what is known of its rays */
-    Goal *goal;         /* by id of the if_ */
-    Boxed *given;       /* by id of a result of an if_ with a goal: its value where that holds */
-    BoxedArray *array;  /* by id of the alloc */
+    bool edges;        /* edge_bounds, prune: nothing is recorded */
+    bool ends_alone;   /* prune: chunks hand on lower and upper ends, and nothing else */
+    uint8_t *fact;     /* by id: FACT_* */
+    bool *wanted;      /* by id: its error is; NULL: no error is */
+    bool wants_given;  /* ... and those of all that chunks give */
+    Boxed *value;      /* by id */
+    Inst **answer;     /* by id of a query: what is known of its rays */
+    Goal *goal;        /* by id of the if_ */
+    Boxed *given;      /* by id of a result of an if_ with a goal: its value where that holds */
+    BoxedArray *array; /* by id of the alloc */
     Vec(PathStep) path;
     Vec(Undo) undo;
+    Vec(const Inst *) compared; /* comparisons of what changes on the box with what does not, in order */
     /* Arrays of the events recorded so far; slots elements and one for those beyond. NULL: none can be recorded. */
     uint32_t slots, depth;
     Recorded *known;                                     /* by edge */
@@ -125,8 +125,8 @@ Inst *bounds_is_nothing(Builder *b, Bound v);
 static inline Inst *bounds_undecided(Builder *b, Bound c) { return bounds_op2(b, OP_bxor, c.lo, c.hi); }
 
 /* variant_bounds_learn.c */
-/* Boxes.rival; after bounds_facts. n: ids. */
-void bounds_find_rivals(Boxes *x, uint32_t n);
+/* Boxes.compared; after bounds_facts. */
+void bounds_find_compared(Boxes *x);
 /* Narrows the bounds of what `cond` compares to where it is `truth`; bounds_forget takes that back. */
 uint32_t bounds_learn(Boxes *x, Builder *b, const Inst *cond, bool truth);
 void bounds_forget(Boxes *x, uint32_t mark);

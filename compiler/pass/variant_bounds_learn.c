@@ -32,29 +32,44 @@ static void lower_hi(Boxes *x, Builder *b, const Inst *v, Inst *hi, Inst *unless
 static Bound ends(Builder *b, Bound v) { return v.lo == v.hi ? v : ir_bound_ends(b, v); }
 
 /* ---- values that are compared twice */
-enum { MOST_RIVALS = 8, DEEP = 8 /* operations */ };
+enum { MOST_RIVALS = 8, MOST_ASKED = 1024, DEEP = 8 /* operations */ };
 #define SAME 4 /* units in the last place: the rounding of two sums of parameters */
 
-/* What changes on the box, of a comparison with what does not; NULL: it is another one. */
-static const Inst *compared(const Boxes *x, const Inst *i, const Inst **with) {
-    if ((i->op != OP_flt && i->op != OP_fle) || bounds_wide(x, i->args[0]) == bounds_wide(x, i->args[1])) return NULL;
+/* What changes on the box, of a comparison or another operation of two, and what does not; NULL: both do, or neither.
+ */
+static const Inst *changes(const Boxes *x, const Inst *i, const Inst **with) {
+    if (i->nargs != 2 || bounds_wide(x, i->args[0]) == bounds_wide(x, i->args[1])) return NULL;
     bool first = bounds_wide(x, i->args[0]);
     *with = i->args[first];
     return i->args[!first];
 }
 
-/* last: by id of a value, the comparison of it that comes next. */
-static void find_rivals(Boxes *x, const Block *block, const Inst **last) {
-    for (const Inst *i = block->last, *with = NULL; i; i = i->prev) {
-        for (uint32_t r = i->nregions; r-- > 0;) find_rivals(x, i->region[r], last);
-        const Inst *d = compared(x, i, &with);
-        if (d) x->rival[i->id] = last[d->id], last[d->id] = i;
+static bool compares(const Inst *i) { return i->op == OP_flt || i->op == OP_fle; }
+
+static void find_compared(Boxes *x, const Block *block) {
+    for (const Inst *i = block->first, *with = NULL; i; i = i->next) {
+        if (compares(i) && changes(x, i, &with)) vec_push(x->arena, &x->compared, i);
+        for (uint32_t r = 0; r < i->nregions; r++) find_compared(x, i->region[r]);
     }
 }
 
-void bounds_find_rivals(Boxes *x, uint32_t n) {
-    x->rival = ARENA_ARRAY(x->arena, const Inst *, n);
-    find_rivals(x, x->from->body, ARENA_ARRAY(x->arena, const Inst *, n));
+void bounds_find_compared(Boxes *x) { find_compared(x, x->from->body); }
+
+/* A line through d: e = d, or -e, e + u, u - e, u * e of one. From d on; false: e is none. */
+typedef struct Line {
+    const Inst *step[DEEP];
+    uint32_t n;
+} Line;
+
+static bool find_line(const Boxes *x, const Inst *e, const Inst *d, Line *l) {
+    for (l->n = 0; e != d && l->n < DEEP; l->n++) {
+        const Inst *with = NULL;
+        bool linear = e->op == OP_fadd || e->op == OP_fsub || e->op == OP_fmul;
+        l->step[l->n] = e;
+        e = e->op == OP_fneg ? e->args[0] : linear ? changes(x, e, &with) : NULL;
+        if (!e) return false;
+    }
+    return e == d;
 }
 
 /* Can v, the same on all of the box, be computed where `at` stands, before its own turn? */
@@ -74,20 +89,42 @@ static Inst *compute(Boxes *x, Builder *b, const Inst *v, const Inst *at) {
     return x->value[v->id].is.lo;
 }
 
+/* Where must d be for e to be q? Emits it; NULL: it cannot be computed there. */
+static Inst *place_of(Boxes *x, Builder *b, const Line *l, const Inst *q, const Inst *at) {
+    const Inst *with[DEEP] = {NULL};
+    bool can = !walk_is_indexed(q, DEEP) && is_early(x, q, at, DEEP);
+    for (uint32_t k = 0; k < l->n && can; k++)
+        if (changes(x, l->step[k], &with[k])) can = !walk_is_indexed(with[k], DEEP) && is_early(x, with[k], at, DEEP);
+    Inst *v = can ? compute(x, b, q, at) : NULL;
+    for (uint32_t k = 0; k < l->n && can; k++) {
+        Inst *u = with[k] ? compute(x, b, with[k], at) : NULL;
+        switch ((Op)l->step[k]->op) {
+        case OP_fneg: v = ir_emit1(b, OP_fneg, v); break;
+        case OP_fadd: v = ir_emit2(b, OP_fsub, v, u); break;
+        case OP_fmul: v = ir_emit2(b, OP_fdiv, v, u); break;
+        default: v = with[k] == l->step[k]->args[1] ? ir_emit2(b, OP_fadd, v, u) : ir_emit2(b, OP_fsub, u, v);
+        }
+    }
+    return v;
+}
+
 /* May a comparison behind this one have the same boundary, and move it by other parameters? NULL: none can. */
 static Inst *has_rival(Boxes *x, Builder *b, const Inst *cond) {
-    const Inst *own = NULL, *with = NULL, *d = compared(x, cond, &own);
-    if (d && walk_is_indexed(own, DEEP)) return NULL;
-    Inst *any = NULL, *r = d ? x->value[own->id].is.lo : NULL;
+    const Inst *own = NULL, *with = NULL, *d = changes(x, cond, &own);
+    if (!d || walk_is_indexed(own, DEEP)) return NULL;
+    Inst *any = NULL, *r = x->value[own->id].is.lo;
     double unit = SAME * (b->fn->precision == PREC_F64 ? DBL_EPSILON : (double)FLT_EPSILON);
-    uint32_t n = 0, mark = x->undo.len;
-    for (const Inst *i = d ? x->rival[cond->id] : NULL; i && n < MOST_RIVALS; i = x->rival[i->id], n++) {
-        compared(x, i, &with);
-        if (with == own || (ir_is_const(with) && ir_is_const(own)) || walk_is_indexed(with, DEEP)) continue;
-        if (!is_early(x, with, cond, DEEP)) continue;
-        Inst *q = compute(x, b, with, cond), *apart = ir_emit1(b, OP_fabs, ir_emit2(b, OP_fsub, r, q));
+    uint32_t from = 0, n = 0, mark = x->undo.len;
+    while (from < x->compared.len && x->compared.data[from]->id <= cond->id) from++;
+    for (uint32_t k = from; k < x->compared.len && k - from < MOST_ASKED && n < MOST_RIVALS; k++) {
+        Line line;
+        if (!find_line(x, changes(x, x->compared.data[k], &with), d, &line)) continue;
+        if (!line.n && (with == own || (ir_is_const(with) && ir_is_const(own)))) continue;
+        Inst *q = place_of(x, b, &line, with, cond);
+        if (!q || q == r) continue;
+        Inst *apart = ir_emit1(b, OP_fabs, ir_emit2(b, OP_fsub, r, q));
         Inst *same = not_above(b, apart, ir_emit2(b, OP_fmul, ir_emit1(b, OP_fabs, r), ir_constf(b, unit)));
-        any = any ? bounds_op2(b, OP_bor, any, same) : same;
+        any = any ? bounds_op2(b, OP_bor, any, same) : same, n++;
         bounds_forget(x, mark);
     }
     return any;

@@ -184,7 +184,8 @@ SltStatus slt_set_text(SltProgram *p, const char *name, const char *value, SltEr
 char *slt_params_json(const SltProgram *p);
 SltStatus slt_set_params_json(SltProgram *p, const char *text, const char *shown_name, SltError *err);
 
-/* ---- which parameters or components are differentiated: those named, or with n = 0 all that are differentiable. */
+/* ---- which parameters or components are differentiated: those named, "discs[*].centre" of every element, or with n =
+ * 0 all that are differentiable. */
 SltStatus slt_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError *err);
 const uint8_t *slt_wrt_mask(const SltProgram *p); /* [slt_float_count]: 1 where a gradient is wanted */
 

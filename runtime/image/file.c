@@ -110,6 +110,15 @@ int file_open_regular(const char *path, size_t *size, const char **why) {
 const FileKind file_binary = {.limit = INT_MAX};
 const FileKind file_text = {.limit = 64 << 20};
 
+/* A byte of value 0 would end what follows it unread. */
+static SltStatus refuse_zero(const char *path, const uint8_t *data, size_t size, SltError *err) {
+    const uint8_t *zero = memchr(data, 0, size);
+    size_t line = 1, column = 1;
+    if (!zero) return SLT_OK;
+    for (const uint8_t *c = data; c < zero; c++) line += *c == '\n', column = *c == '\n' ? 1 : column + 1;
+    return status_fail(err, SLT_INPUT, "%s:%zu:%zu: a byte of value 0, which no text has", path, line, column);
+}
+
 SltStatus file_read_all(const char *path, const FileKind *kind, uint8_t **bytes, size_t *size, SltError *err) {
     size_t claimed = 0;
     const char *why;
@@ -137,6 +146,7 @@ SltStatus file_read_all(const char *path, const FileKind *kind, uint8_t **bytes,
         if (code) status = status_fail_errno(err, SLT_INPUT, code, "cannot read '%s'", path);
     }
     close(fd);
+    if (status == SLT_OK && kind == &file_text) status = refuse_zero(path, data, known + got, err);
     if (status != SLT_OK) {
         free(data);
         return status;

@@ -153,6 +153,18 @@ SltStatus image_write_png8(const char *path, int width, int height, int channels
 SltStatus image_encode_png8(const char *name, int width, int height, int channels, const uint8_t *pixels,
                             uint8_t **bytes, size_t *size, SltError *err);
 
+/* apng.c -------------------------------------------------------------------------------------- */
+
+typedef struct ImageFrame {
+    uint8_t *png; /* a PNG file */
+    size_t size;
+    uint32_t milliseconds; /* how long it is shown; at most 65535 */
+} ImageFrame;
+/* One animated PNG of still ones, which must be of one size and kind (SLT_USAGE): a malloc'd file in *bytes, for the
+ * caller to free. Readers that do not know animations show the first frame. */
+SltStatus image_join_png(const char *name, const ImageFrame *frames, uint32_t count, uint8_t **bytes, size_t *size,
+                         SltError *err);
+
 /* npy.c --------------------------------------------------------------------------------------- */
 
 typedef struct NumArray {

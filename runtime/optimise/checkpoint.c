@@ -21,7 +21,7 @@ typedef struct Head {
 } Head;
 
 static const char MAGIC[8] = {'S', 'A', 'L', 'T', 'C', 'K', 'P', 'T'};
-enum { VERSION = 1, BYTE_ORDER_MARK = 0x01020304 };
+enum { VERSION = 2, BYTE_ORDER_MARK = 0x01020304 };
 
 static uint64_t hash_config(const Optimiser *o) {
     const OptimiseConfig *c = &o->config;

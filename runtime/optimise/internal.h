@@ -10,8 +10,13 @@
 
 #include <stdbool.h>
 
+enum { OPTIMISE_RECENT = 16 };
+
 typedef struct Numbers {
     double best_loss, base_loss;               /* of `best`, of `base` */
+    double lowest_loss;                        /* of all, which noise may have made lower than that of `best` */
+    double recent[OPTIMISE_RECENT];            /* first-order methods: a ring of the last losses */
+    int64_t losses;                            /* that were put there */
     double reference_loss;                     /* the best loss that the fall of the loss is measured from */
     double step_scale;                         /* of `step`: halved by rejections and backtracking */
     double slope;                              /* L-BFGS: gradient at base times (u - base) */
@@ -55,7 +60,8 @@ struct Optimiser {
     double *s, *y;    /* of a method with pairs: [history][n] steps, and differences of gradients */
     /* Scratch of one call. fresh: the gradient of this evaluation. */
     double *fresh, *work, *grid_scratch, *alpha;
-    uint8_t *is_free; /* L-BFGS, [n]: not held at a bound */
+    uint8_t *is_free;   /* L-BFGS, [n]: not held at a bound */
+    double rate_factor; /* optimise_set_rate */
     /* Fixed. */
     double *lo, *hi;
     Laplacian **solvers; /* one per grid, NULL where lambda is 0; equal grids share one */

@@ -77,9 +77,9 @@ bool optimise_has_converged(Optimiser *o) {
         return true;
     }
     if (c->patience > 0) {
-        double fall = o->now.reference_loss - o->now.best_loss;
+        double fall = o->now.reference_loss - o->now.lowest_loss;
         if (isinf(o->now.reference_loss) || fall > c->loss_tolerance * fabs(o->now.reference_loss)) {
-            o->now.reference_loss = o->now.best_loss;
+            o->now.reference_loss = o->now.lowest_loss;
             o->now.stalled = 0;
         } else if (++o->now.stalled >= c->patience) {
             optimise_finish(o, OPTIMISE_CONVERGED, "the loss fell by less than %.3g of itself over %d iterations",
@@ -111,6 +111,40 @@ static OptimiseState reject(Optimiser *o, bool bad_loss) {
     return OPTIMISE_EVALUATE;
 }
 
+static double median(const double *v, int n) {
+    double sorted[OPTIMISE_RECENT];
+    for (int i = 0; i < n; i++) {
+        int k = i;
+        for (; k > 0 && sorted[k - 1] > v[i]; k--) sorted[k] = sorted[k - 1];
+        sorted[k] = v[i];
+    }
+    return 0.5 * (sorted[(n - 1) / 2] + sorted[n / 2]);
+}
+
+/* What the losses of one point differ by, as they come of other samples every time: their second differences, which a
+ * smooth descent leaves small (of independent noise sqrt(6) of its deviation; of these the median, so that a few steps
+ * that went wrong are no noise). */
+static double noise_of_losses(const Numbers *now) {
+    double d[OPTIMISE_RECENT];
+    int n = (int)(now->losses < OPTIMISE_RECENT ? now->losses : OPTIMISE_RECENT), count = 0;
+    for (int64_t t = now->losses - n + 2; t < now->losses; t++)
+        d[count++] = fabs(now->recent[t % OPTIMISE_RECENT] - 2 * now->recent[(t - 1) % OPTIMISE_RECENT] +
+                          now->recent[(t - 2) % OPTIMISE_RECENT]);
+    return count > 4 ? 1.4826 * median(d, count) / sqrt(6) : 0;
+}
+
+/* Is this the best point so far? Of many noisy losses the lowest is a lucky draw, maybe of long ago: so what is not
+ * told from it, and not worse than half of the last ones, is better for having come later. */
+static bool is_best(Optimiser *o, double loss) {
+    Numbers *now = &o->now;
+    bool lowest = loss < now->lowest_loss;
+    if (lowest) now->lowest_loss = loss;
+    if (o->method->same_loss) return lowest;
+    now->recent[now->losses++ % OPTIMISE_RECENT] = loss;
+    int n = (int)(now->losses < OPTIMISE_RECENT ? now->losses : OPTIMISE_RECENT);
+    return lowest || (loss <= now->lowest_loss + 3 * noise_of_losses(now) && loss <= median(now->recent, n));
+}
+
 OptimiseState optimise_step(Optimiser *o, double loss, const double *gradient) {
     if (o->now.state != OPTIMISE_EVALUATE) return (OptimiseState)o->now.state;
     o->now.evaluations++;
@@ -121,7 +155,7 @@ OptimiseState optimise_step(Optimiser *o, double loss, const double *gradient) {
     }
     if (!isfinite(loss) || !finite) return reject(o, !isfinite(loss));
     o->now.failures = 0;
-    if (loss < o->now.best_loss) {
+    if (is_best(o, loss)) {
         o->now.best_loss = loss;
         memcpy(o->best, o->params, o->config.n * sizeof *o->best);
     }
@@ -137,6 +171,7 @@ const double *optimise_best(const Optimiser *o, double *loss) {
     return o->best;
 }
 
+void optimise_set_rate(Optimiser *o, double factor) { o->rate_factor = factor; }
 long optimise_evaluations(const Optimiser *o) { return (long)o->now.evaluations; }
 long optimise_rejected(const Optimiser *o) { return (long)o->now.rejected; }
 const char *optimise_reason(const Optimiser *o) { return o->now.reason; }
@@ -277,7 +312,7 @@ Optimiser *optimise_create(const OptimiseConfig *config, SltError *err) {
     fill_defaults(&c);
     if (check_config(&c, err) != SLT_OK) return NULL;
     Optimiser *o = calloc(1, sizeof *o);
-    if (o) o->config = c, o->method = &optimise_methods[c.method];
+    if (o) o->config = c, o->method = &optimise_methods[c.method], o->rate_factor = 1;
     if (!o || !own_arrays(o, config) || !make_block(o)) {
         optimise_free(o);
         status_fail(err, SLT_LIMIT, "out of memory for an optimiser of %zu parameters", c.n);
@@ -292,7 +327,7 @@ Optimiser *optimise_create(const OptimiseConfig *config, SltError *err) {
         o->u[i] = o->base[i] = o->config.log[i] ? log(o->params[i]) : o->params[i];
         o->best[i] = o->params[i];
     }
-    o->now.best_loss = o->now.base_loss = o->now.reference_loss = INFINITY;
+    o->now.best_loss = o->now.lowest_loss = o->now.base_loss = o->now.reference_loss = INFINITY;
     o->now.step_scale = 1;
     return o;
 }

@@ -14,7 +14,8 @@
  * Inside, a parameter marked `log` is optimised as its logarithm; bounds are kept exactly by
  * projection. A loss or a gradient that is not finite never enters the state: the step is taken
  * back, shortened and counted; after `max_failures` in a row the optimiser stops and says so. The
- * best point so far is kept.
+ * best point so far is kept: the one of the lowest loss; where losses are noisy, the last of those
+ * that the noise does not tell from it.
  *
  * Everything is deterministic: the same calls give the same bits, also across save and load. An
  * Optimiser owns all its memory (copies of the config's arrays too); one thread at a time. */
@@ -101,6 +102,10 @@ const double *optimise_parameters(const Optimiser *o);
 /* Takes the loss and its gradient (n entries) at optimise_parameters and chooses the next ones.
  * After anything but OPTIMISE_EVALUATE further calls change nothing and return the same. */
 OptimiseState optimise_step(Optimiser *o, double loss, const double *gradient);
+
+/* Of a first-order method: a factor of all learning rates from the next step on; 1 at first. Not part of a checkpoint:
+ * the caller says it before every step. */
+void optimise_set_rate(Optimiser *o, double factor);
 
 /* The best parameters evaluated so far and, if `loss` is not NULL, their loss (infinity before the
  * first finite one). */

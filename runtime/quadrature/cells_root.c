@@ -142,11 +142,28 @@ static bool probe_roots(Cells *c, uint32_t n) {
     return true;
 }
 
+/* Of a quadric the root is known at once. False: it is not on the line, or is wanted to the last floats. */
+static bool solve_quadric(const Cells *c, Root *r) {
+    const Quadric *q = &r->of->quadric;
+    if (!q->is || r->slack < 0) return false;
+    double dg[3], g = cells_on_quadric(q, r->x, c->dim, dg), slope = dg[r->axis], by = -g / slope;
+    if (!q->flat) by = -2 * g / (slope + r->rises * sqrt(slope * slope - 2 * q->bend[r->axis][r->axis] * g));
+    double to = r->x[r->axis] + by;
+    if (!(to >= r->lo && to <= r->hi)) return false; /* NaN is not */
+    for (uint32_t d = 0; d < c->dim; d++) r->dg[d] = dg[d] + (q->flat ? 0 : q->bend[d][r->axis] * by);
+    r->x[r->axis] = to, r->g = 0;
+    return true;
+}
+
 bool cells_solve(Cells *c) {
     uint32_t n = 0;
     if (!cells_grow(c, &c->active, &c->active_cap, c->nroot, sizeof *c->active)) return false;
-    for (uint32_t i = 0; i < c->nroot; i++)
-        if (!c->root[i].solved && !c->root[i].waits) c->active[n++] = i;
+    for (uint32_t i = 0; i < c->nroot; i++) {
+        Root *r = &c->root[i];
+        if (r->solved || r->waits) continue;
+        r->solved = solve_quadric(c, r);
+        if (!r->solved) c->active[n++] = i;
+    }
     for (int step = 0; step < STEPS && n; step++) {
         if (!probe_roots(c, n)) return false;
         uint32_t kept = 0;

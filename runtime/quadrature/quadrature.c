@@ -98,8 +98,10 @@ static bool put_part(void *user, uint32_t worker, uint64_t part) {
         if (out->gradient_stderr) out->gradient_stderr[at] = on ? sums_error(m, at) : 0;
         if (out->interior) out->interior[at] = i;
         if (out->boundary) out->boundary[at] = b;
-        if (out->missed_estimate) out->missed_estimate[at] = 0;
-        if (out->left_bound) out->left_bound[at] = on && p->mixed ? NAN : 0;
+        /* A page of zeros that none has written to costs no memory. */
+        if (out->missed_estimate && out->missed_estimate[at] != 0) out->missed_estimate[at] = 0;
+        if (out->left_bound && on && p->mixed) out->left_bound[at] = NAN;
+        else if (out->left_bound && out->left_bound[at] != 0) out->left_bound[at] = 0;
         q = q + 1 < m->nfloats ? q + 1 : 0;
     }
     return true;

@@ -89,6 +89,7 @@ void sums_unnamed(Sums *m, const uint8_t *active, double left, double unit) {
 void sums_upset(Sums *m, const uint8_t *active, const double jump[SLT_MAX_CHANNELS]) {
     double all = 0; /* an image's gradient has one row for all channels */
     for (uint32_t c = 0; c < SLT_MAX_CHANNELS; c++) all += jump[c];
+    if (all == 0) return;
     for (size_t row = 0; row < m->rows; row++) {
         double half = (m->rows == 1 ? all : jump[row]) / SUM_SURE;
         for (size_t p = 0; p < m->nfloats; p++)

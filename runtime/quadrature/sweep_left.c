@@ -51,6 +51,7 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     if (!sweep_begin_splat(v, &hull)) return false;
     v->w->finder.lost = lost;
     v->w->sink.coincide.apart = p->apart, v->w->sink.coincide.no_kinks = true;
+    v->w->sink.coincide.tied = v->w->finder.tied = p->apart ? p->run->tied : NULL;
     for (uint64_t i = from; i < to && pool_stop_reason(&p->run->pool) == SLT_OK; i++) {
         const LeftCell *l = &p->left[i];
         v->left_bound += sweep_hidden(p, l);
@@ -66,6 +67,7 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     finder_run(&v->w->finder, true);
     if (v->w->sink.misses) thin_flush_cells(v->w, sides, p->lines);
     v->w->finder.lost = NULL, v->w->sink.coincide.apart = NULL;
+    v->w->sink.coincide.tied = v->w->finder.tied = NULL;
     if (p->marches && !left_curves(v, &p->left[from], (uint32_t)(to - from), false)) return false;
     if (p->errors && p->options.curves && !left_hidden(v, &p->left[from], (uint32_t)(to - from), seen, lost))
         return false;
@@ -157,7 +159,7 @@ static bool make_apart(Sweep *p) {
         for (uint32_t d = 0; d < s->dim; d++)
             longest = fmax(longest, (p->left[i].box.end[d] - p->left[i].box.lo[d]) / (s->hi[d] - s->lo[d]));
     double step = coincide_step(root_tolerance(run_is_coarse(p->run)) * longest / p->lines, s->f64 ? 0x1p-26 : 0x1p-14);
-    return apart_new(s, p->run->j->seed, step, &p->apart);
+    return apart_new(s, p->run->j->seed, step, &p->apart) && twins_begin(p->run);
 }
 
 /* Cells are left as large as a tile where its evaluations ran out, and each gets as many lines: halves of those that

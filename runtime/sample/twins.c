@@ -43,7 +43,7 @@ bool twins_begin(Run *r) {
     const SltScene *s = r->s;
     Batch *b = &r->worker[0].batch;
     const SltCullList *lists = b->args.cull;
-    if (r->tied_known || !s->ntwins || !r->apart) return true;
+    if (r->tied_known || !s->ntwins) return true;
     double g[PLACES] = {0}, h[PLACES] = {0}, unit = s->f64 ? DBL_EPSILON : (double)FLT_EPSILON;
     uint8_t *tied = alloc_zero(s->nsites, 1);
     bool any = false;

@@ -94,6 +94,25 @@ class Errors(Case):
             self.assertTrue(errors[0]["message"])
             self.assertEqual(errors[0].get("status", 3), status)
 
+    def test_larger_than_single(self):
+        """1e39 is infinite in single precision, wherever it comes from."""
+        self.put("c.salt", "const float k = 1.0; " + CIRCLE.replace("f = ink", "f = ink * k"))
+        self.put("v.json", '{"radius": -1e39}')
+        for args in (["--param", "radius=1e39"], ["--params", "v.json"], ["--param", "radius=@v.json"], ["--param", "centre=[0, 1e39]"], ["--set", "k=1e39"]):
+            for precision, told in ("f32", 1), ("f64", 0):
+                with self.subTest(args=args, precision=precision):
+                    err = self.run_cli("grad", "c.salt", "--integral", "--samples", "256", "--precision", precision, *args).err
+                    self.assertEqual(err.count("is infinite in single precision"), told)
+
+    def test_zero_byte(self):
+        """A byte of value 0 behind what is JSON: what follows it would not be read."""
+        self.put("c.salt", CIRCLE)
+        for name, text in ("n.json", b'{"radius": 0.3}\n \0 {"radius": 0.2}'), ("s.json", b'{"shader": "c.salt"}\n \0'):
+            self.put(name, text)
+            for args in (["fit", name],) if name[0] == "s" else (["grad", "c.salt", "--params", name], ["grad", "c.salt", "--param", "radius=@" + name]):
+                with self.subTest(args=args):
+                    self.assertIn(name + ":2:2: a byte of value 0", self.run_cli(*args, code=4).err)
+
     def test_json_beside_results(self):
         """Warnings and notes too, and what an interrupt says."""
         self.put("a.frag", "uniform float r;\nvoid mainImage(out vec4 c, vec2 p) {\n  c = vec4(sqrt(p.x - 4.0) * r); }")

@@ -227,10 +227,13 @@ static void fill_language(Checker *c) {
     c->name_infinity = intern(s, "INFINITY", 8);
     c->name_epsilon = intern(s, "EPSILON", 7);
     Type *f2 = type_vector(s, T_FLOAT, 2), *f3 = type_vector(s, T_FLOAT, 3);
-    Field hit[] = {
-        {"hit", c->t_bool, SPAN_NONE}, {"t", c->t_float, SPAN_NONE}, {"p", f2, SPAN_NONE}, {"normal", f3, SPAN_NONE}};
-    Field silhouette[] = {
-        {"found", c->t_bool, SPAN_NONE}, {"t", c->t_float, SPAN_NONE}, {"slope", c->t_float, SPAN_NONE}};
+    Field hit[] = {{"hit", c->t_bool, SPAN_NONE, NULL},
+                   {"t", c->t_float, SPAN_NONE, NULL},
+                   {"p", f2, SPAN_NONE, NULL},
+                   {"normal", f3, SPAN_NONE, NULL}};
+    Field silhouette[] = {{"found", c->t_bool, SPAN_NONE, NULL},
+                          {"t", c->t_float, SPAN_NONE, NULL},
+                          {"slope", c->t_float, SPAN_NONE, NULL}};
     c->t_hit = predeclared_struct(c, "Hit", hit, 4);
     c->t_silhouette = predeclared_struct(c, "Silhouette", silhouette, 3);
 }

@@ -170,6 +170,7 @@ int64_t const_wrap(TypeKind k, int64_t v); /* to the 32 bits of int or uint */
 /* param.c */
 void check_const_decl(Checker *c, Symbol *sym, ModuleScope *scope);
 void check_param_decl(Checker *c, Symbol *sym, ModuleScope *scope);
+void check_field_attrs(Checker *c, ParamAttrs *a, const Type *t, Span at); /* of a field of type t */
 
 /* stmt.c */
 void check_body(Checker *c, Func *f);

@@ -428,20 +428,31 @@ static void misplaced(Checker *c, Span at, const Symbol *sym, const char *name, 
               arena_printf(&c->s->session, "a parameter of type %s", t->name));
 }
 
+/* Of a parameter or a field; false: it marks what has no scalars. */
+static bool check_range(Checker *c, ParamAttrs *a, const Type *t) {
+    bool ok = attr_number(c, &a->range_args[0], "an argument of [Range]", &a->lo);
+    ok &= attr_number(c, &a->range_args[1], "an argument of [Range]", &a->hi);
+    if (!has_scalars(t, false)) return false;
+    if (ok && a->lo > a->hi)
+        diag_emit(c->s, DIAG_attr_args, a->range_span,
+                  arena_printf(&c->s->session, "[Range(lo, hi)] needs lo <= hi, these are %g and %g", a->lo, a->hi));
+    return true;
+}
+
+void check_field_attrs(Checker *c, ParamAttrs *a, const Type *t, Span at) {
+    const char *what = arena_printf(&c->s->session, "a field of type %s", t->name);
+    if (a->has_range && !check_range(c, a, t))
+        diag_emit(c->s, DIAG_attr_misplaced, a->range_span.file >= 0 ? a->range_span : at, "Range", what);
+    if (a->log && !has_scalars(t, true))
+        diag_emit(c->s, DIAG_attr_misplaced, a->log_span.file >= 0 ? a->log_span : at, "Log", what);
+}
+
 static void param_attrs(Checker *c, Symbol *sym) {
     ParamAttrs *a = &sym->attrs;
     Type *t = sym->type, *elem = t;
     while (elem->kind == T_ARRAY) elem = elem->elem;
     if (t->kind == T_ERROR) return;
-    if (a->has_range) {
-        bool ok = attr_number(c, &a->range_args[0], "an argument of [Range]", &a->lo);
-        ok &= attr_number(c, &a->range_args[1], "an argument of [Range]", &a->hi);
-        if (!has_scalars(t, false)) misplaced(c, a->range_span, sym, "Range", t);
-        else if (ok && a->lo > a->hi)
-            diag_emit(
-                c->s, DIAG_attr_args, a->range_span,
-                arena_printf(&c->s->session, "[Range(lo, hi)] needs lo <= hi, these are %g and %g", a->lo, a->hi));
-    }
+    if (a->has_range && !check_range(c, a, t)) misplaced(c, a->range_span, sym, "Range", t);
     if (a->has_extent) {
         bool ok = true;
         for (int i = 0; i < 4; i++) ok &= attr_number(c, &a->extent_args[i], "an argument of [Extent]", &a->extent[i]);

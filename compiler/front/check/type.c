@@ -79,7 +79,8 @@ static Type *resolve_struct(Checker *c, StructDecl *d, Span use) {
             map_put(c->arena, &seen, f->name, f);
         }
         ok &= ft->kind != T_ERROR;
-        t->fields[t->nfields++] = (Field){f->name, ft, f->span};
+        t->fields[t->nfields++] = (Field){f->name, ft, f->span, f->attrs};
+        if (f->attrs && ft->kind != T_ERROR) check_field_attrs(c, f->attrs, ft, f->span);
         if (ft->kind != T_ERROR) total += type_components(ft);
     }
     /* The bound also keeps type_components cheap: structs that double each other would take exponential time. */
