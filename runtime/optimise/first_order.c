@@ -18,7 +18,7 @@ static void adam_denominators(Optimiser *o, const double *square, double correct
     for (int k = 0; k < o->config.grid_count; k++) {
         const OptimiseGrid *g = &o->config.grids[k];
         double largest = 0;
-        for (int pass = 0; o->solvers[k] && pass < 2; pass++) {
+        for (int pass = 0; optimise_is_smooth(o, k) && pass < 2; pass++) {
             for (int c = 0; c < g->channels; c++) {
                 for (int y = 0; y < g->height; y++) {
                     for (int x = 0; x < g->width; x++) {
@@ -39,7 +39,7 @@ static void limit_outliers(Optimiser *o, const double *square, double correction
     for (int k = 0; k < o->config.grid_count; k++) {
         const OptimiseGrid *g = &o->config.grids[k];
         double largest = 0;
-        for (int pass = 0; o->solvers[k] && pass < 2; pass++) {
+        for (int pass = 0; optimise_is_smooth(o, k) && pass < 2; pass++) {
             double limit = 3 * sqrt(largest / correction);
             for (int c = 0; c < g->channels; c++) {
                 for (int y = 0; y < g->height; y++) {

@@ -92,6 +92,8 @@ bool optimise_has_converged(Optimiser *o) {
 
 void optimise_smooth_grid(Optimiser *o, int k, double *v, int times) {
     const OptimiseGrid *g = &o->config.grids[k];
+    for (int c = 0; o->graphs[k] && c < g->channels; c++)
+        for (int t = 0; t < times; t++) graph_solve(o->graphs[k], v + optimise_grid_index(g, 0, 0, c), g->stride_x);
     for (int c = 0; o->solvers[k] && c < g->channels; c++)
         for (int t = 0; t < times; t++)
             laplacian_solve(o->solvers[k], v + optimise_grid_index(g, 0, 0, c), g->stride_x, g->stride_y,
@@ -178,6 +180,7 @@ static SltStatus check_config(const OptimiseConfig *c, SltError *err) {
             last = (double)g->offset + (g->width - 1.0) * (double)g->stride_x +
                    (g->height - 1.0) * (double)g->stride_y + (g->channels - 1.0) * (double)g->stride_c;
         }
+        if (g->edges && g->height > 1 && g->stride_y != g->stride_x * (size_t)g->width) last = INFINITY;
         if (g->width < 1 || g->height < 1 || g->channels < 1 || !(last < (double)c->n) || !(g->lambda >= 0) ||
             isinf(g->lambda)) {
             return status_fail(err, SLT_USAGE,
@@ -215,9 +218,10 @@ static bool own_arrays(Optimiser *o, const OptimiseConfig *from) {
     c->log = log_flag;
     c->grids = grids;
     o->solvers = calloc((size_t)c->grid_count + 1, sizeof *o->solvers);
+    o->graphs = calloc((size_t)c->grid_count + 1, sizeof *o->graphs);
     o->lo = malloc(c->n * sizeof *o->lo);
     o->hi = malloc(c->n * sizeof *o->hi);
-    if (!rate || !lo || !hi || !log_flag || !grids || !o->solvers || !o->lo || !o->hi) return false;
+    if (!rate || !lo || !hi || !log_flag || !grids || !o->solvers || !o->graphs || !o->lo || !o->hi) return false;
     for (size_t i = 0; i < c->n; i++) {
         rate[i] = from->learning_rate ? from->learning_rate[i] : c->default_rate;
         lo[i] = from->lo ? from->lo[i] : -INFINITY;
@@ -260,6 +264,11 @@ static bool make_block(Optimiser *o) {
 static SltStatus make_solvers(Optimiser *o, SltError *err) {
     for (int k = 0; k < o->config.grid_count; k++) {
         const OptimiseGrid *g = &o->config.grids[k];
+        if (g->edges && g->lambda > 0) {
+            o->graphs[k] = graph_create((uint32_t)g->width * (uint32_t)g->height, g->edges, g->nedges, g->lambda, err);
+            if (!o->graphs[k]) return err ? err->status : SLT_LIMIT;
+            continue;
+        }
         for (int j = 0; j < k && g->lambda > 0; j++) {
             const OptimiseGrid *h = &o->config.grids[j];
             if (o->solvers[j] && h->width == g->width && h->height == g->height && h->lambda == g->lambda)
@@ -305,6 +314,8 @@ void optimise_free(Optimiser *o) {
             o->solvers[j] = o->solvers[j] == o->solvers[k] ? NULL : o->solvers[j];
         laplacian_free(o->solvers[k]);
     }
+    for (int k = 0; o->graphs && k < o->config.grid_count; k++) graph_free(o->graphs[k]);
+    free(o->graphs);
     free(o->solvers);
     free((void *)o->config.learning_rate);
     free((void *)o->config.lo);

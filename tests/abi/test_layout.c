@@ -374,6 +374,8 @@ static void write_layout(FILE *out) {
     MEMBER(SltFitOptions, schedule);
     MEMBER(SltFitOptions, views_per_step);
     MEMBER(SltFitOptions, decay);
+    MEMBER(SltFitOptions, smooth_faces);
+    MEMBER(SltFitOptions, nsmooth_faces);
     END(SltFitOptions);
     ENUM(SltFitStop);
     VALUE(SLT_FIT_RUNNING);
