@@ -214,7 +214,9 @@ int verb_fit(Cli *c) {
         if (status == SLT_OK) c->file = f.scene.shader;
     }
     SltError later = {0}; /* a target that cannot be read is reported behind the shader's own errors */
-    if (status == SLT_OK) fit_size_of_target(&f, c->opt.size, &later);
+    uint32_t size[3] = {0};
+    if (status == SLT_OK && fit_size_of_target(&f, size, &later) == SLT_OK && size[0])
+        c->opt.size[0] = size[0], c->opt.size[1] = size[1];
     if (status == SLT_OK) status = cli_compile(c, &f.p);
     if (status == SLT_OK) status = fit(&f);
     fit_free_pictures(&f);

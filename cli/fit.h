@@ -78,7 +78,7 @@ char *scene_keep(Scene *s, char *text); /* gives text (malloc'd) to the scene; r
 bool scene_is(const char *file);        /* is the file a scene, by its extension? */
 
 /* fit_views.c */
-SltStatus fit_size_of_target(const Fit *f, uint32_t size[2], SltError *err); /* the first target's, without --size */
+SltStatus fit_size_of_target(const Fit *f, uint32_t size[3], SltError *err); /* the first target's, without --size */
 int fit_check_targets(Fit *f); /* whether the options make one loss; the size, if a target decides it */
 int fit_read_targets(Fit *f);  /* images, and what shaders draw; the shaders of views that have entries of their own */
 int fit_collect_views(Fit *f);

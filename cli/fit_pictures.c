@@ -165,14 +165,22 @@ static SltStatus write_image(Fit *f, const char *name, const Image *im, SltError
     return s == SLT_OK ? image_write(path, im, &png, err) : s;
 }
 
-/* image.exr and image.png of the first view, image_1 of the next; of a volume the picture only. */
+/* Or an image, where it is one. */
+static SltStatus write_volume(Fit *f, const char *name, Image *im, SltError *err) {
+    char path[4096];
+    SltStatus s = fit_join(path, sizeof path, f->c->output, name, err);
+    if (s != SLT_OK || slt_dim(f->p) < 3) return s == SLT_OK ? image_write(path, im, NULL, err) : s;
+    return volume_write(path, im, (int)f->c->job.size[2], NULL, err);
+}
+
+/* image.exr and image.png of the first view, image_1 of the next; the picture of a volume is of some slices. */
 static SltStatus write_best(Fit *f, uint32_t view, SltError *err) {
     uint32_t channels = slt_channels(program_of(f, view));
     const uint32_t *size = f->c->job.size;
     char name[64], number[32] = "";
     Image im;
     if (view) snprintf(number, sizeof number, "_%u", view);
-    if (size[2] > 1) {
+    if (slt_dim(f->p) == 3) {
         Layout l = {.columns = 1, .rows = 1, .slices = size[2] < SLICES ? size[2] : SLICES, .width = size[0]};
         l.height = size[1], l.channels = channels;
         SltStatus s = create(&l, &im, err);
@@ -180,17 +188,17 @@ static SltStatus write_best(Fit *f, uint32_t view, SltError *err) {
         snprintf(name, sizeof name, "image%s.png", number);
         if (s == SLT_OK) s = write_image(f, name, &im, err);
         image_free(&im);
-        return s;
+        if (s != SLT_OK) return s;
     }
-    SltStatus s = image_create(&im, (int)size[0], (int)size[1], (int)channels, err);
+    SltStatus s = image_create(&im, (int)size[0], (int)(size[1] * size[2]), (int)channels, err);
     if (s != SLT_OK) return s;
-    memcpy(im.data, f->best[view], (size_t)size[0] * size[1] * channels * sizeof(float));
+    memcpy(im.data, f->best[view], (size_t)size[0] * size[1] * size[2] * channels * sizeof(float));
     for (uint32_t k = 0; k < channels; k++) image_set_name(&im, (int)k, report_channel(channels, k));
     report_metadata(&im, f->c, f->p);
     snprintf(name, sizeof name, "image%s.exr", number);
-    s = write_image(f, name, &im, err);
+    s = write_volume(f, name, &im, err);
     snprintf(name, sizeof name, "image%s.png", number);
-    if (s == SLT_OK) s = write_image(f, name, &im, err);
+    if (s == SLT_OK && slt_dim(f->p) < 3) s = write_image(f, name, &im, err);
     image_free(&im);
     return s;
 }

@@ -50,7 +50,8 @@ static SltStatus write_relief(const char *path, const SltParam *q, const Image *
     return s;
 }
 
-/* Every texture and geometry that was optimised: NAME.exr to go on with, NAME.png to look at. */
+/* Every texture and geometry that was optimised: NAME.exr to go on with, NAME.png to look at; of a volume its slices
+ * below each other. */
 static SltStatus write_grids(Fit *f, SltError *err) {
     char path[4096], name[512];
     for (uint32_t k = 0; k < slt_param_count(f->p); k++) {
@@ -58,12 +59,14 @@ static SltStatus write_grids(Fit *f, SltError *err) {
         slt_param(f->p, k, &q);
         if ((!q.is_texture && !q.is_heightfield) || !q.fcount || !slt_wrt_mask(f->p)[q.fbase]) continue;
         Image im;
-        SltStatus s = image_create(&im, (int)q.tex_w, (int)q.tex_h, (int)q.tex_c, err);
+        uint32_t slices = q.tex_d ? q.tex_d : 1;
+        SltStatus s = image_create(&im, (int)q.tex_w, (int)(q.tex_h * slices), (int)q.tex_c, err);
         if (s != SLT_OK) return s;
         for (uint32_t i = 0; i < q.fcount; i++) im.data[i] = (float)slt_floats(f->p)[q.fbase + i];
         snprintf(name, sizeof name, "%.500s.exr", q.name);
         s = fit_join(path, sizeof path, f->c->output, name, err);
-        if (s == SLT_OK) s = image_write(path, &im, NULL, err);
+        if (s == SLT_OK)
+            s = q.tex_d ? volume_write(path, &im, (int)slices, NULL, err) : image_write(path, &im, NULL, err);
         snprintf(name, sizeof name, "%.500s.png", q.name);
         if (s == SLT_OK) s = fit_join(path, sizeof path, f->c->output, name, err);
         if (s == SLT_OK) s = q.is_heightfield ? write_relief(path, &q, &im, err) : image_write(path, &im, NULL, err);

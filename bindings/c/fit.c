@@ -16,9 +16,8 @@ const char *slt_fit_optimizer(uint32_t index) {
 
 /* ---- set-up */
 SltStatus fit_find_param(const SltProgram *p, const char *name, const char *what, ParamRef *at, SltError *err) {
-    const char *why = NULL;
-    if (name && program_find(p->prog, name, at, &why)) return SLT_OK;
-    return status_fail(err, SLT_USAGE, "%s: %s", what, why ? why : "it has no name");
+    if (!name) return status_fail(err, SLT_USAGE, "%s: it has no name", what);
+    return api_find(p, name, SLT_USAGE, what, at, err);
 }
 
 SltStatus fit_out_of_memory(SltError *err) { return status_fail(err, SLT_LIMIT, "out of memory for a fit"); }

@@ -64,6 +64,7 @@ static SltStatus find_grid(SltFit *f, const SltFitNumber *smooth, OptimiseGrid *
     uint32_t size[3] = {1, 1, 1}, channels = 1;
     if (param_is_image(at.param)) {
         size[0] = at.param->tex_w, size[1] = at.param->tex_h, channels = at.param->tex_c;
+        if (at.param->tex_d) size[2] = at.param->tex_d;
     } else if (t->kind == T_ARRAY) {
         for (int d = 0; d < 3 && t->kind == T_ARRAY; d++, t = t->elem)
             size[2] = size[1], size[1] = size[0], size[0] = t->n; /* the outermost is the slowest */
@@ -113,8 +114,8 @@ static SltStatus apply_mask(const SltFit *f, const SltFitMask *m, double *rate, 
     if (status != SLT_OK) return status;
     uint64_t cells = (uint64_t)m->width * m->height;
     bool resource = param_is_image(at.param);
-    if (!m->factors ||
-        (resource ? m->width != at.param->tex_w || m->height != at.param->tex_h : !cells || at.fcount % cells))
+    uint64_t rows = (uint64_t)at.param->tex_h * (at.param->tex_d ? at.param->tex_d : 1); /* slices below each other */
+    if (!m->factors || (resource ? m->width != at.param->tex_w || m->height != rows : !cells || at.fcount % cells))
         return status_fail(err, SLT_INPUT, "the mask of `%s` is %u x %u, but there are %u number%s%s", m->name,
                            m->width, m->height, at.fcount, at.fcount == 1 ? "" : "s",
                            resource ? " in another shape" : "");

@@ -289,10 +289,10 @@ void slt_program_free(SltProgram *p) {
 const char *slt_version(void) { return SALTUS_VERSION; }
 const char *slt_last_error(const SltProgram *p) { return p ? p->error.text : "out of memory"; }
 
-/* ---- diagnostics: a call that compiles kernels may add some */
+/* ---- diagnostics: a call that compiles kernels may add some. Compiling left no program, NULL, when memory ran out. */
 uint32_t slt_diagnostic_count(const SltProgram *p) {
     uint32_t n = 0;
-    if (!api_claim(p)) return 0;
+    if (!p || !api_claim(p)) return 0;
     for (const Diag *d = p->session->diags; d; d = d->next) n++;
     api_release(p);
     return n;
@@ -310,7 +310,7 @@ static SltDiagnostic described(const Session *s, const Diag *d) {
 }
 
 bool slt_diagnostic(const SltProgram *p, uint32_t index, SltDiagnostic *out) {
-    if (!api_struct_sized(out) || !api_claim(p)) return false;
+    if (!p || !api_struct_sized(out) || !api_claim(p)) return false;
     const Diag *d = p->session->diags;
     for (; d && index; index--) d = d->next;
     if (d) {
@@ -336,8 +336,13 @@ static const char *printed(SltProgram *p, int slot, void (*print)(const Session 
     return text ? text : "";
 }
 static void print_text(const Session *s, FILE *f) { diag_print_text(s, f, false); }
-const char *slt_diagnostics_text(SltProgram *p) { return printed(p, 0, print_text); }
-const char *slt_diagnostics_json(SltProgram *p) { return printed(p, 1, diag_print_json); }
+const char *slt_diagnostics_text(SltProgram *p) { return p ? printed(p, 0, print_text) : "error: out of memory\n"; }
+const char *slt_diagnostics_json(SltProgram *p) {
+    static const char no_memory[] =
+        "{\"uri\":\"\",\"range\":{\"start\":{\"line\":0,\"character\":0},\"end\":{\"line\":0,\"character\":0}},"
+        "\"severity\":1,\"code\":\"limit\",\"source\":\"saltus\",\"message\":\"out of memory\"}\n";
+    return p ? printed(p, 1, diag_print_json) : no_memory;
+}
 
 /* ---- facts: 0 and "" where the program did not compile */
 uint32_t slt_dim(const SltProgram *p) { return p->prog ? p->prog->dim : 0; }

@@ -45,7 +45,8 @@ typedef struct SltFitNumber {
 } SltFitNumber;
 
 /* Factors of a parameter's learning rate, one for each cell of its grid: 0 holds the cell, 1 moves it, between is
- * slower. The grid of a texture or heightfield is its width and height; of any other parameter the rows and columns of
+ * slower. The grid of a texture or heightfield is its width and height (of a
+ * texture3D its slices below each other); of any other parameter the rows and columns of
  * its elements. */
 typedef struct SltFitMask {
     const char *name; /* of the parameter */

@@ -160,6 +160,7 @@ static void write_layout(FILE *out) {
     MEMBER(SltStats, ulps);
     MEMBER(SltStats, dropped_at);
     MEMBER(SltStats, nonfinite_at);
+    MEMBER(SltStats, singular);
     END(SltStats);
     STRUCT(SltIntegral);
     MEMBER(SltIntegral, struct_size);
@@ -289,6 +290,7 @@ static void write_layout(FILE *out) {
     MEMBER(SltParam, extent);
     MEMBER(SltParam, height_scale);
     MEMBER(SltParam, height_offset);
+    MEMBER(SltParam, tex_d);
     END(SltParam);
     ENUM(SltFitMetric);
     VALUE(SLT_FIT_L2);
