@@ -190,6 +190,7 @@ SltStatus fit_make_optimiser(SltFit *f, SltError *err) {
                                  .gradient_tolerance = o->gradient_tolerance,
                                  .loss_tolerance = o->loss_tolerance,
                                  .patience = (int)o->patience,
+                                 .zeros = 8,
                                  .max_failures = (int)o->max_failures};
         f->optimiser = optimise_create(&config, err);
         if (!f->optimiser) status = err->status;

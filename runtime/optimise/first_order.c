@@ -98,7 +98,8 @@ OptimiseState first_order_accept(Optimiser *o, double loss) {
     o->now.base_loss = loss;
     o->now.iterations++;
     if (optimise_has_converged(o)) return (OptimiseState)o->now.state;
-    if (all_zero(o->g, n) && all_zero(o->vectors, n)) /* a zero by chance in mid-run still coasts on its momentum */
+    /* A zero by chance in mid-run still coasts on its momentum; as long as there is none, it takes some in a row. */
+    if (o->now.iterations >= o->config.zeros && all_zero(o->g, n) && all_zero(o->vectors, n))
         return optimise_finish(o, OPTIMISE_CONVERGED, "the gradient is zero");
     o->method->direction(o);
     o->now.step_scale = 1;

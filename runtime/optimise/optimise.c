@@ -155,8 +155,8 @@ static SltStatus check_config(const OptimiseConfig *c, SltError *err) {
         !(c->beta2 >= 0 && c->beta2 < 1) || !(c->epsilon >= 0) || !(c->momentum >= 0 && c->momentum < 1)) {
         return status_fail(err, SLT_USAGE, "a rate, beta, epsilon or momentum of the optimiser is out of range");
     }
-    if (c->history < 0 || c->history > 1000 || c->grid_count < 0 || c->patience < 0 || c->max_failures < 0 ||
-        !(c->gradient_tolerance >= 0) || !(c->loss_tolerance >= 0)) {
+    if (c->history < 0 || c->history > 1000 || c->grid_count < 0 || c->patience < 0 || c->zeros < 0 ||
+        c->max_failures < 0 || !(c->gradient_tolerance >= 0) || !(c->loss_tolerance >= 0)) {
         return status_fail(err, SLT_USAGE, "a history, tolerance or patience of the optimiser is out of range");
     }
     if (c->grid_count && !c->grids)
@@ -197,6 +197,7 @@ static void fill_defaults(OptimiseConfig *c) {
     c->beta2 = c->beta2 != 0 ? c->beta2 : 0.999;
     c->epsilon = c->epsilon != 0 ? c->epsilon : 1e-8;
     c->history = c->history ? c->history : 10;
+    c->zeros = c->zeros ? c->zeros : 1;
     c->max_failures = c->max_failures ? c->max_failures : 10;
     if (c->patience == 0 && m->patience > 0) {
         c->patience = m->patience;

@@ -79,7 +79,9 @@ typedef struct OptimiseConfig {
     double gradient_tolerance;    /* converged when no component of the projected gradient is larger: exactly zero */
     double loss_tolerance;        /* converged when the best loss fell by less than this part of itself ... */
     int patience;                 /* ... in so many iterations: both from the optimiser's row, mostly off */
-    int max_failures;             /* non-finite evaluations in a row before the optimiser fails: 10 */
+    int zeros; /* first-order methods: converged when so many gradients from the start on are zero: 1. More where each
+                  is of other samples, and may be zero by chance */
+    int max_failures; /* non-finite evaluations in a row before the optimiser fails: 10 */
 } OptimiseConfig;
 
 typedef struct Optimiser Optimiser;

@@ -143,6 +143,19 @@ class Views(Case):
         self.scene["params"]["v"]["faces"] = "g"
         self.fit(code=2)
 
+    def test_zero_by_chance(self):
+        """A gradient that the first samples make zero is no convergence: here one pixel alone holds the edge."""
+        self.put("s/a.salt", "param float c = 0.4;\nshader float main(float x) { float f = 0.1; [Disc] if (x < c) f = 1.0; return f; }")
+        self.run_cli("render", "s/a.salt", "--size", 32, "--param", "c=0.6", "--spp", 64, "-o", "t.exr")
+        for seed in range(6):
+            j = self.json_cli("fit", "s/a.salt", "--target", "t.exr", "--loss", "l1", "--iters", 60, "--lr", 0.02, "--seed", seed)
+            self.assertEqual(j["iterations"], 60)
+            self.assertAlmostEqual(j["params"]["c"], 0.6, delta=0.02)
+        # Without any gradient it ends soon all the same.
+        self.put("s/b.salt", "param float c = 0.4;\nshader float main(float x) { return c < 0.5 ? 0.5 : x; }")
+        j = self.json_cli("fit", "s/b.salt", "--target", "t.exr", "--iters", 60)
+        self.assertEqual((j["stopped"], j["iterations"]), ("converged", 8))
+
     def test_loss_entry(self):
         self.scene["loss"] = {"entry": "soft"}
         j = self.fit()
