@@ -165,40 +165,31 @@ static SltStatus write_image(Fit *f, const char *name, const Image *im, SltError
     return s == SLT_OK ? image_write(path, im, &png, err) : s;
 }
 
-/* Or an image, where it is one. */
-static SltStatus write_volume(Fit *f, const char *name, Image *im, SltError *err) {
-    char path[4096];
-    SltStatus s = fit_join(path, sizeof path, f->c->output, name, err);
-    if (s != SLT_OK || slt_dim(f->p) < 3) return s == SLT_OK ? image_write(path, im, NULL, err) : s;
-    return volume_write(path, im, (int)f->c->job.size[2], NULL, err);
-}
-
-/* image.exr and image.png of the first view, image_1 of the next; the picture of a volume is of some slices. */
+/* image.exr and image.png of the first view, image_1 of the next; of a volume the picture shows four slices. */
 static SltStatus write_best(Fit *f, uint32_t view, SltError *err) {
     uint32_t channels = slt_channels(program_of(f, view));
     const uint32_t *size = f->c->job.size;
-    char name[64], number[32] = "";
+    char path[4096], name[64], number[32] = "";
     Image im;
     if (view) snprintf(number, sizeof number, "_%u", view);
-    if (slt_dim(f->p) == 3) {
-        Layout l = {.columns = 1, .rows = 1, .slices = size[2] < SLICES ? size[2] : SLICES, .width = size[0]};
-        l.height = size[1], l.channels = channels;
-        SltStatus s = create(&l, &im, err);
-        if (s == SLT_OK) s = put(&l, &im, 0, channels, size[2], f->best[view], err);
-        snprintf(name, sizeof name, "image%s.png", number);
-        if (s == SLT_OK) s = write_image(f, name, &im, err);
-        image_free(&im);
-        if (s != SLT_OK) return s;
-    }
     SltStatus s = image_create(&im, (int)size[0], (int)(size[1] * size[2]), (int)channels, err);
     if (s != SLT_OK) return s;
     memcpy(im.data, f->best[view], (size_t)size[0] * size[1] * size[2] * channels * sizeof(float));
     for (uint32_t k = 0; k < channels; k++) image_set_name(&im, (int)k, report_channel(channels, k));
     report_metadata(&im, f->c, f->p);
     snprintf(name, sizeof name, "image%s.exr", number);
-    s = write_volume(f, name, &im, err);
+    s = fit_join(path, sizeof path, f->c->output, name, err);
+    if (s == SLT_OK)
+        s = size[2] > 1 ? volume_write(path, &im, (int)size[2], NULL, err) : image_write(path, &im, NULL, err);
     snprintf(name, sizeof name, "image%s.png", number);
-    if (s == SLT_OK && slt_dim(f->p) < 3) s = write_image(f, name, &im, err);
+    if (s == SLT_OK && size[2] > 1) {
+        Layout l = {.columns = 1, .rows = 1, .slices = size[2] < SLICES ? size[2] : SLICES, .width = size[0]};
+        l.height = size[1], l.channels = channels;
+        image_free(&im);
+        s = create(&l, &im, err);
+        if (s == SLT_OK) s = put(&l, &im, 0, channels, size[2], f->best[view], err);
+    }
+    if (s == SLT_OK) s = write_image(f, name, &im, err);
     image_free(&im);
     return s;
 }

@@ -365,7 +365,7 @@ static bool cut_cells(Cells *c) {
         near.hi[r->axis] = r->lo, near.end[r->axis] = far.lo[r->axis] = r->hi;
         bool cut = r->lo < r->hi; /* else it does not decide there after all */
         if (cut && !cells_add_gap(c, i, r)) return false;
-        cells_check_cut(c, cell, r++);
+        if (!cells_check_cut(c, cell, r++)) return false;
         if (!cut && cells_choose_axes(c, cell)) cell->done = false;
         else if (!cut && !refine(c, cell)) return false;
         if (cut && (!push(c, cell, &near, true) || !push(c, cell, &far, true))) return false;

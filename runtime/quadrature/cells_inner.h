@@ -567,7 +567,7 @@ bool cells_is_upset(Cells *c, const Root *r);    /* of which the sides were take
 /* Counts what f jumps by along the curves of a piece that goes out; owner: the cell that is charged, NULL: its own. */
 void cells_add_upset(Cells *c, const Piece *p, Cell *owner);
 /* The same of the face in which a cell is cut at a seam, r. */
-void cells_check_cut(Cells *c, Cell *cell, const Root *r);
+bool cells_check_cut(Cells *c, Cell *cell, const Root *r);
 
 /* ---- cells_layer.c */
 /* By how much f, next to the curves of a piece, lies outside of what points beside them have met; 0: by no more than it

@@ -101,10 +101,45 @@ static uint32_t face_places(const Cells *c, const Cell *cell, int axis, double x
     return count;
 }
 
-void cells_check_cut(Cells *c, Cell *cell, const Root *r) {
-    enum { PLACES = 16 };
-    if (cell->curves_done || !cells_upsets(c, r->of->event.site) || !(r->lo < r->hi)) return;
+enum { PLACES = 16 };
+
+/* Is g as near to 0 as the other side of the gap is? */
+static bool is_near_zero(const Ask *a, int axis, double gap) {
+    double steep = fmax(fabs(a->slope[axis][0]), fabs(a->slope[axis][1]));
+    return !(a->state & SLT_EDGE_JUMPS) && fmax(-a->g[0], a->g[1]) <= BESIDE * (a->error + steep * gap);
+}
+
+/* Of places on a cut at which sites decide otherwise on both sides: where the g of one crosses 0 in between, and does
+ * not jump over it, as that of a box's outline on the line that says whether its corner counts, its curve lies in the
+ * gap and is integrated there. */
+static bool drop_crossings(Cells *c, const Cell *cell, const Root *r, double x[][3], uint32_t n, bool *upset) {
+    c->nask = 0;
+    uint32_t nsites = 0;
+    for (uint32_t e = 0; e < cell->nedges; e++) {
+        if ((uint32_t)cell->edge[e].event.site >= c->s->nsites) continue;
+        nsites++;
+        for (uint32_t i = 0; i < n; i++)
+            for (uint32_t s = 0; s < 2; s++) {
+                x[i][r->axis] = s ? r->hi : r->lo;
+                if (!cells_ask(c, &cell->edge[e], x[i], x[i])) return false;
+            }
+    }
+    if (!nsites) return true;
+    if (!cells_run_asks(c)) return false;
+    for (uint32_t k = 0; k < nsites * n; k++) {
+        const Ask *near = &c->ask[2 * k], *far = near + 1;
+        bool crosses = (near->g[0] <= 0 && far->g[1] >= 0) || (near->g[1] >= 0 && far->g[0] <= 0);
+        double gap = r->hi - r->lo;
+        if (crosses && is_near_zero(near, r->axis, gap) && is_near_zero(far, r->axis, gap)) upset[k % n] = false;
+    }
+    return true;
+}
+
+bool cells_check_cut(Cells *c, Cell *cell, const Root *r) {
+    if (cell->curves_done || !cells_upsets(c, r->of->event.site) || !(r->lo < r->hi)) return true;
     double x[PLACES][3], area = 1;
+    Sides sides[PLACES];
+    bool upset[PLACES], otherwise[PLACES], any = false;
     uint32_t n = face_places(c, cell, r->axis, x);
     Batch *b = c->b;
     for (uint32_t i = 0; i < n; i++)
@@ -112,12 +147,18 @@ void cells_check_cut(Cells *c, Cell *cell, const Root *r) {
     cells_call(c, SLT_K_SIDES, 2 * n);
     for (uint32_t d = 0; d < c->dim; d++) area *= (int)d == r->axis ? 1 : cell->box.end[d] - cell->box.lo[d];
     for (uint32_t i = 0; i < n; i++) {
-        Sides sides;
         for (uint32_t s = 0; s < 2; s++) {
-            sides.hash[s] = (uint32_t)batch_get_int(b, SLT_OUT_HASH, 0, 2 * i + s);
-            for (uint32_t ch = 0; ch < c->s->channels; ch++) sides.f[s][ch] = batch_get(b, SLT_OUT_F, ch, 2 * i + s);
+            sides[i].hash[s] = (uint32_t)batch_get_int(b, SLT_OUT_HASH, 0, 2 * i + s);
+            for (uint32_t ch = 0; ch < c->s->channels; ch++) sides[i].f[s][ch] = batch_get(b, SLT_OUT_F, ch, 2 * i + s);
         }
-        if (jumps(c, cell, r->of->event.site, &sides, r->axis, r->hi - r->lo))
-            add(c, cell, r->of->event.site, &sides, area / n);
+        upset[i] = jumps(c, cell, r->of->event.site, &sides[i], r->axis, r->hi - r->lo);
+        otherwise[i] = upset[i] && sides[i].hash[0] != sides[i].hash[1];
+        any |= otherwise[i];
     }
+    bool crossing[PLACES];
+    memcpy(crossing, otherwise, sizeof crossing);
+    if (any && !drop_crossings(c, cell, r, x, n, crossing)) return false;
+    for (uint32_t i = 0; i < n; i++)
+        if (upset[i] && (!otherwise[i] || crossing[i])) add(c, cell, r->of->event.site, &sides[i], area / n);
+    return true;
 }

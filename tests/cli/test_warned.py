@@ -254,6 +254,35 @@ class Kinds(Case):
             j = self.json_cli("grad", "s.salt", "--integral", "--estimator", "quadrature", "--precision", "f64")
             self.assertEqual([d["code"] for d in j["warnings"] if d["code"] == "upset"], [], name)
 
+    def test_an_outline_on_its_own_seam(self):
+        """A box whose corner is an arm of its own: the outline lies on the line where that arm begins, and is integrated. A decision that jumps over 0 there is told."""
+        box = """
+param float2 b = float2(0.25, 0.1);
+param float2 h = float2(0.4, 0.3);
+float box(float2 p) { float2 q = abs(p) - h; [NoDisc] if (q.x > 0.0 && q.y > 0.0) return length(q); return max(q.x, q.y); }
+[Domain(-1.0, 1.0)] shader float main(float2 x) { [Disc] if (box(x - b) < 0.0) return 0.3; return 1.0; }
+"""
+        self.put("s.salt", box)
+        for precision in "f32", "f64":
+            j = self.json_cli("grad", "s.salt", "--integral", "--estimator", "quadrature", "--precision", precision)
+            self.assertEqual(j["warnings"], [])
+            for name, k, want in ("h", 0, -0.84), ("h", 1, -1.12), ("b", 0, 0.0):
+                self.assertLess(abs(j["gradient"][name][k] - want), 1e-5)
+                self.assertLess(j["stderr"][name][k], 1e-4)
+        self.put("s.salt", """
+param float p = 0.5;
+param float q = 0.5;
+shader float main(float2 x) {
+    float d = x.x - q - 0.1 * (x.y - 0.5) * (x.y - 0.5);
+    [NoDisc] if (x.x > p) d = 1.0 + x.y;
+    [Disc] if (d < 0.0) return 1.0;
+    return 0.0;
+}
+""")
+        j = self.json_cli("grad", "s.salt", "--integral", "--estimator", "quadrature")
+        self.assertIn("upset", {d["code"] for d in j["warnings"]})
+        self.assertGreater(j["stderr"]["p"], 0.99)
+
     def test_text_of_a_derivative_that_is_0(self):
         self.put("s.salt", HEAD + "[Disc] if (length(x) < 5.0 * p) return 1.0; return 0.0;\n}\n")
         r = self.run_cli("grad", "s.salt", "--integral")

@@ -109,6 +109,12 @@ static void cycles(void **state) {
     assert_non_null(strstr(l.text, "/main.salt:1:8: error: import cycle: main -> main [E0021]"));
     assert_true(l.main->imports[0].module->missing);
     unload(&l);
+    /* A file of the name of a module of the library finds the library's. */
+    scratch_put("std/main.salt", "const int where = 3;");
+    l = load();
+    assert_string_equal(l.text, "");
+    assert_string_equal(l.list, "main main*");
+    unload(&l);
 }
 
 static void missing(void **state) {

@@ -43,16 +43,22 @@ static const char *search_dir(const Session *s, int file, uint32_t i) {
     return i == s->nimport_dirs + 1 ? s->stdlib_dir : NULL;
 }
 
-static const char *find(Session *s, int file, const char *name, bool of_stdlib, bool *in_stdlib) {
-    const char *dir;
+/* A file does not find itself while there is another: `csg.salt` may import the library's csg. */
+static const char *find(Session *s, const Module *from, const char *name, bool of_stdlib, bool *in_stdlib) {
+    const char *dir, *self = NULL;
+    int file = from->file;
     for (uint32_t i = of_stdlib && s->stdlib_dir ? s->nimport_dirs + 1 : 0; (dir = search_dir(s, file, i)); i++) {
         const char *path = join(s, dir, name);
         struct stat info;
         if (stat(path, &info) || S_ISDIR(info.st_mode)) continue;
+        if (from->real_path && identity(s, path) == from->real_path) {
+            self = path;
+            continue;
+        }
         *in_stdlib = s->stdlib_dir && (i == s->nimport_dirs + 1 || !strcmp(dir, s->stdlib_dir));
         return path;
     }
-    return NULL;
+    return self;
 }
 
 static void report_missing(Session *s, int file, const Import *im) {
@@ -124,7 +130,7 @@ static Module *resolve(Loader *l, const Frame *frame, const Import *im) {
     Session *s = l->s;
     Module *m;
     bool in_stdlib = false;
-    const char *path = find(s, frame->module->file, im->name, im->of_stdlib, &in_stdlib);
+    const char *path = find(s, frame->module, im->name, im->of_stdlib, &in_stdlib);
     if (!path) {
         report_missing(s, frame->module->file, im);
         return stand_in(s, im);
