@@ -40,6 +40,7 @@ static uint64_t hash_config(const Optimiser *o) {
                               g->stride_x, g->stride_y,        g->stride_c};
         h = XXH64(f, sizeof f, h);
         h = XXH64(&g->lambda, sizeof g->lambda, h);
+        if (o->graphs[k]) h = graph_hash(o->graphs[k], h);
     }
     return h;
 }

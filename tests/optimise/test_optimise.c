@@ -321,6 +321,38 @@ static void dense_solve(double *a, double *b, int n) {
     }
 }
 
+/* Two faces beside each other and one apart, an edge that comes twice, a vertex without any. */
+static void graph_is_right(void **state) {
+    (void)state;
+    static const uint32_t edges[] = {0, 1, 1, 2, 2, 0, 2, 1, 1, 3, 3, 2, 4, 5, 5, 6, 6, 4, 5, 5};
+    enum { N = 8 };
+    double lambda = 37, a[N * N] = {0}, b[N], data[2 * N];
+    for (int i = 0; i < N; i++) {
+        a[i * N + i] = 1;
+        data[2 * i] = b[i] = sin(i * 1.7), data[2 * i + 1] = 42;
+    }
+    for (int e = 0; e < 9; e++) {
+        uint32_t i = edges[2 * e], j = edges[2 * e + 1];
+        if (e == 3) continue; /* the one that comes again */
+        a[i * N + i] += lambda, a[j * N + j] += lambda, a[i * N + j] -= lambda, a[j * N + i] -= lambda;
+    }
+    SltError err = {0};
+    Graph *g = graph_create(N, edges, 10, lambda, &err);
+    assert_non_null(g);
+    graph_solve(g, data, 2);
+    dense_solve(a, b, N);
+    for (int i = 0; i < N; i++) {
+        assert_true(fabs(data[2 * i] - b[i]) < 1e-8);
+        assert_true(data[2 * i + 1] == 42);
+    }
+    graph_free(g);
+    assert_null(graph_create(5, edges, 10, lambda, &err));
+    assert_int_equal(err.status, SLT_USAGE);
+    assert_null(graph_create((1u << 24) + 1, edges, 10, lambda, &err));
+    assert_int_equal(err.status, SLT_LIMIT);
+    assert_null(graph_create(N, edges, 10, -1, &err));
+}
+
 static void laplacian_is_right(void **state) {
     (void)state;
     static const int sizes[][2] = {{1, 1}, {7, 1}, {1, 5}, {6, 4}, {9, 11}};
@@ -625,6 +657,7 @@ int main(void) {
         cmocka_unit_test(best_of_noise),
         cmocka_unit_test(stopping),
         cmocka_unit_test(laplacian_is_right),
+        cmocka_unit_test(graph_is_right),
         cmocka_unit_test(smooth_steps),
         cmocka_unit_test(outliers_on_grids),
         cmocka_unit_test(resume_is_bit_identical),
