@@ -328,6 +328,8 @@ int cli_compile(Cli *c, SltProgram **out) {
     warn_not_finite(c, p);
     if (c->nparams || c->params_file) session_protect(p->session, warn_of_ranges, p);
     if (!c->quiet) cli_tell(c, p);
+    for (uint32_t i = 0; i < c->nwrt && c->verb->bit != FIT; i++)
+        if (strstr(c->wrt[i], "[*]")) return cli_usage(c, "--wrt %s: many at once are for `fit`", c->wrt[i]);
     if (c->nwrt && slt_wrt(p, c->wrt, c->nwrt, &err) != SLT_OK) return cli_fail(c, &err);
     tell_costs(c, p);
     return SLT_OK;
@@ -357,17 +359,24 @@ int cli_read_image(Cli *c, SltProgram *p, const char *path, bool resize, float *
     SltError err = {0};
     Image im, root, sized, fitted;
     *out = NULL;
-    if (slt_dim(p) == 3) return cli_usage(c, "images of targets and adjoints are for 1D and 2D domains");
     ImageReadOptions read = {.raw = slt_is_display(p)};
-    if (image_read(path, &read, &im, &err) != SLT_OK) return cli_fail(c, &err);
+    bool volume = slt_dim(p) == 3;
+    int depth = 1;
+    if ((volume ? volume_read(path, &read, &im, &depth, &err) : image_read(path, &read, &im, &err)) != SLT_OK)
+        return cli_fail(c, &err);
+    if (volume && (uint32_t)depth != c->job.size[2]) {
+        image_free(&im);
+        return cli_error(SLT_INPUT, "%s has %d slices, but the volume is %ux%ux%u", path, depth, c->job.size[0],
+                         c->job.size[1], c->job.size[2]);
+    }
     /* The root layer of a file with many. */
     SltStatus status = im.channels > 4 ? image_extract_layer(&im, "", &root, &err) : SLT_OK;
     if (im.channels > 4) image_free(&im);
     else root = im;
     if (status != SLT_OK) return cli_fail(c, &err);
-    int w = (int)c->job.size[0], h = (int)c->job.size[1];
+    int w = (int)c->job.size[0], h = (int)c->job.size[1] * depth;
     if (root.width != w || root.height != h) {
-        if (!resize) {
+        if (volume || !resize) {
             cli_error(SLT_INPUT, "%s is %dx%d, but the image is %dx%d; give --size %dx%d", path, root.width,
                       root.height, w, h, root.width, root.height);
             image_free(&root);

@@ -26,7 +26,10 @@ static int apply_scene_params(Fit *f) {
     for (uint32_t k = 0; k < f->scene.nparams; k++) {
         FitParam *q = &f->scene.params[k];
         SltParam found = SLT_PARAM_INIT;
-        if (slt_param_find(f->p, q->name, &found, &err) != SLT_OK) return fail_scene(f, &err);
+        bool many = strstr(q->name, "[*]") != NULL; /* a pattern has rates only */
+        if (!many && slt_param_find(f->p, q->name, &found, &err) != SLT_OK) return fail_scene(f, &err);
+        if (many && (q->value || q->file || q->mask || q->smooth >= 0 || q->grad == 0))
+            return cli_error(SLT_INPUT, "params: `%s` is many parameters: of these \"lr\" and \"grad\": true", q->name);
         bool set = !on_command_line(f->c, q->name);
         if (set && q->value && slt_set_text(f->p, q->name, q->value, &err) != SLT_OK) return fail_scene(f, &err);
         if (set && q->file) {
@@ -111,9 +114,7 @@ static SltStatus ask_program(void *user, const SltFitRequest *request, double *l
 static bool iterated(void *user, const SltFitIteration *at) {
     Fit *f = user;
     uint32_t iters = f->c->iters;
-    if (at->image && f->nframes < FRAMES - 1 &&
-        (at->iteration - 1) * (uint64_t)(FRAMES - 1) >= (uint64_t)f->nframes * iters)
-        fit_keep_frame(f, at->image);
+    f->done = at->iteration;
     char detail[96];
     snprintf(detail, sizeof detail, "iteration %u of %u, loss %.6g", at->iteration, iters, at->loss);
     progress_update(&f->progress, (double)at->iteration / iters, detail);
@@ -143,7 +144,9 @@ static int run(Fit *f) {
     SltError err = {0}, end_err = {0};
     SltFitStop stop = SLT_FIT_RUNNING;
     SltStatus status = fit_wants_folder(c) ? fit_check_folder(f, &err) : SLT_OK; /* now, and not after hours */
-    if (status == SLT_OK && fit_wants_folder(c) && !c->minimize) status = fit_create_frames(f, &err);
+    bool pictures = fit_wants_folder(c) && !c->minimize;
+    if (c->frames && !pictures) return cli_usage(c, "--frames wants views, and a folder behind -o");
+    if (status == SLT_OK && pictures) status = fit_create_pictures(f, &err);
     if (status == SLT_OK) status = slt_fit_begin(f->p, &f->opt, &fit, &err);
     if (status != SLT_OK) return report(f, &err);
     f->start = cli_now();
@@ -155,7 +158,13 @@ static int run(Fit *f) {
         return report(f, &err);
     }
     progress_begin(&f->progress, c, "fit");
-    while (status == SLT_OK && stop == SLT_FIT_RUNNING) status = slt_fit_step(fit, &stop, &err);
+    if (pictures && !c->resume) status = fit_take_pictures(f, fit, &err);
+    while (status == SLT_OK && stop == SLT_FIT_RUNNING) {
+        status = slt_fit_step(fit, &stop, &err);
+        if (status == SLT_OK && pictures) status = fit_take_pictures(f, fit, &err);
+    }
+    if (pictures && fit_take_best(f, fit, &end_err) != SLT_OK && status == SLT_OK)
+        status = end_err.status, err = end_err;
     progress_end(&f->progress);
     loss_stop(f->loss);
     SltStatus ended = slt_fit_end(fit, &f->result, &end_err);
@@ -187,6 +196,9 @@ static int fit(Fit *f) {
     f->opt.iterated = iterated, f->opt.iterated_user = f;
     f->opt.metric = c->loss ? (SltFitMetric)cli_choice(CLI_LOSSES, c->loss) : SLT_FIT_L2;
     f->opt.huber_delta = c->huber_delta, f->opt.loss_entry = c->loss_entry;
+    f->opt.views_per_step = c->views_per_step;
+    f->opt.schedule = (SltFitSchedule)c->schedule, f->opt.decay = c->decay;
+    f->opt.beta1 = c->beta1, f->opt.beta2 = c->beta2;
     if (c->loss_command) f->opt.loss = ask_program, f->opt.loss_user = f, f->opt.loss_name = c->loss_command;
     return run(f);
 }
@@ -201,10 +213,12 @@ int verb_fit(Cli *c) {
         if (status == SLT_OK) c->file = f.scene.shader;
     }
     SltError later = {0}; /* a target that cannot be read is reported behind the shader's own errors */
-    if (status == SLT_OK) fit_size_of_target(&f, c->opt.size, &later);
+    uint32_t size[3] = {0};
+    if (status == SLT_OK && fit_size_of_target(&f, size, &later) == SLT_OK && size[0])
+        c->opt.size[0] = size[0], c->opt.size[1] = size[1];
     if (status == SLT_OK) status = cli_compile(c, &f.p);
     if (status == SLT_OK) status = fit(&f);
-    for (uint32_t k = 0; k < FRAMES; k++) image_free(&f.frames[k]);
+    fit_free_pictures(&f);
     for (uint32_t k = 0; k < f.opt.nrate_masks; k++) free((void *)f.masks[k].factors);
     free(f.views);
     free(f.masks);

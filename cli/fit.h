@@ -43,7 +43,7 @@ typedef struct Scene {
     uint32_t nstrings;
 } Scene;
 
-enum { FRAMES = 6 };
+enum { STRIP = 5 }; /* pictures of a film strip, without the best and the target */
 
 typedef struct Fit {
     Cli *c;
@@ -57,8 +57,13 @@ typedef struct Fit {
     SltFitNumber *rates, *smooth;
     LossProgram *loss; /* of --loss-command, while it runs */
     Progress progress;
-    Image frames[FRAMES]; /* of the first view, spread over the fit; of a folder only */
-    uint32_t nframes;     /* taken so far */
+    uint32_t done; /* evaluations, those before a resume included */
+    /* Of a folder only: all views as one picture, spread over the fit; the best of each at its end; and by --frames. */
+    Image strip[STRIP];
+    uint32_t nstrip;
+    float **best; /* [nviews] */
+    ImageFrame *frames;
+    uint32_t nframes;
     double start;
     SltFitResult result;
     SltStats stats;
@@ -72,7 +77,7 @@ char *scene_keep(Scene *s, char *text); /* gives text (malloc'd) to the scene; r
 bool scene_is(const char *file);        /* is the file a scene, by its extension? */
 
 /* fit_views.c */
-SltStatus fit_size_of_target(const Fit *f, uint32_t size[2], SltError *err); /* the first target's, without --size */
+SltStatus fit_size_of_target(const Fit *f, uint32_t size[3], SltError *err); /* the first target's, without --size */
 int fit_check_targets(Fit *f); /* whether the options make one loss; the size, if a target decides it */
 int fit_read_targets(Fit *f);  /* images, and what shaders draw; the shaders of views that have entries of their own */
 int fit_collect_views(Fit *f);
@@ -80,8 +85,14 @@ int fit_collect_views(Fit *f);
 /* fit_write.c: a file of parameters, or a folder. */
 bool fit_wants_folder(const Cli *c);
 SltStatus fit_check_folder(const Fit *f, SltError *err); /* before the fit, and not after hours */
-SltStatus fit_create_frames(Fit *f, SltError *err);
-void fit_keep_frame(Fit *f, const float *image);
 int fit_write_outputs(Fit *f);
+SltStatus fit_join(char *out, size_t size, const char *dir, const char *name, SltError *err); /* dir/name */
+
+/* fit_pictures.c: pictures of the views, of a folder only. */
+SltStatus fit_create_pictures(Fit *f, SltError *err);            /* before the fit */
+SltStatus fit_take_pictures(Fit *f, SltFit *fit, SltError *err); /* behind every step, and before the first */
+SltStatus fit_take_best(Fit *f, SltFit *fit, SltError *err);     /* before slt_fit_end */
+SltStatus fit_write_pictures(Fit *f, SltError *err);
+void fit_free_pictures(Fit *f);
 
 #endif

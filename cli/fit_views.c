@@ -5,14 +5,17 @@
 #include "cli/fit.h"
 
 /* Without --size the first target decides. */
-SltStatus fit_size_of_target(const Fit *f, uint32_t size[2], SltError *err) {
+SltStatus fit_size_of_target(const Fit *f, uint32_t size[3], SltError *err) {
     const char *path = f->c->target;
     for (uint32_t v = 0; v < f->scene.nviews && !path; v++) path = f->scene.views[v].target_path;
     Image im;
+    int depth = 1;
     if (!path) return SLT_OK;
-    SltStatus status = image_read(path, NULL, &im, err);
+    bool volume = f->p && slt_dim(f->p) == 3;
+    SltStatus status = volume ? volume_read(path, NULL, &im, &depth, err) : image_read(path, NULL, &im, err);
     if (status != SLT_OK) return status;
-    size[0] = (uint32_t)im.width, size[1] = (uint32_t)im.height;
+    size[0] = (uint32_t)im.width, size[1] = (uint32_t)(im.height / depth);
+    if (volume) size[2] = (uint32_t)depth;
     image_free(&im);
     return SLT_OK;
 }
@@ -53,8 +56,10 @@ int fit_check_targets(Fit *f) {
     if (c->loss_command && slt_dim(f->p) == 3) return cli_usage(c, "a loss program is for 1D and 2D domains");
     if (c->minimize || c->loss_command) return SLT_OK;
     SltError err = {0};
-    if (!c->size_given && fit_size_of_target(f, c->job.size, &err) != SLT_OK) return cli_fail(c, &err);
-    if (!c->size_given) c->job.size[2] = 1;
+    uint32_t size[3] = {0, 0, 1};
+    if (!c->size_given && fit_size_of_target(f, size, &err) != SLT_OK) return cli_fail(c, &err);
+    if (size[0]) memcpy(c->job.size, size, sizeof size);
+    c->size_given |= size[0] > 0;
     return SLT_OK;
 }
 

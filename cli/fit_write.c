@@ -9,23 +9,7 @@
 #include "cli/fit.h"
 #include "runtime/base/text.h"
 
-/* Before the fit: a picture that there is no memory for is no reason to lose hours of work, nor to leave it out. */
-SltStatus fit_create_frames(Fit *f, SltError *err) {
-    const uint32_t *size = f->c->job.size;
-    SltStatus s = SLT_OK;
-    for (uint32_t k = 0; k < FRAMES - 1 && k < f->c->iters && s == SLT_OK; k++)
-        s = image_create(&f->frames[k], (int)size[0], (int)size[1], (int)slt_channels(f->p), err);
-    return s;
-}
-
-void fit_keep_frame(Fit *f, const float *image) {
-    Image *im = &f->frames[f->nframes];
-    if (!im->data) return;
-    memcpy(im->data, image, (size_t)im->width * (size_t)im->height * (size_t)im->channels * sizeof(float));
-    f->nframes++;
-}
-
-static SltStatus join(char *out, size_t size, const char *dir, const char *name, SltError *err) {
+SltStatus fit_join(char *out, size_t size, const char *dir, const char *name, SltError *err) {
     if (snprintf(out, size, "%s/%s", dir, name) >= (int)size)
         return status_fail(err, SLT_OUTPUT, "%s/%s: the path is too long", dir, name);
     return SLT_OK;
@@ -66,7 +50,8 @@ static SltStatus write_relief(const char *path, const SltParam *q, const Image *
     return s;
 }
 
-/* Every texture and geometry that was optimised: NAME.exr to go on with, NAME.png to look at. */
+/* Every texture and geometry that was optimised: NAME.exr to go on with, NAME.png to look at; of a volume its slices
+ * below each other. */
 static SltStatus write_grids(Fit *f, SltError *err) {
     char path[4096], name[512];
     for (uint32_t k = 0; k < slt_param_count(f->p); k++) {
@@ -74,14 +59,16 @@ static SltStatus write_grids(Fit *f, SltError *err) {
         slt_param(f->p, k, &q);
         if ((!q.is_texture && !q.is_heightfield) || !q.fcount || !slt_wrt_mask(f->p)[q.fbase]) continue;
         Image im;
-        SltStatus s = image_create(&im, (int)q.tex_w, (int)q.tex_h, (int)q.tex_c, err);
+        uint32_t slices = q.tex_d ? q.tex_d : 1;
+        SltStatus s = image_create(&im, (int)q.tex_w, (int)(q.tex_h * slices), (int)q.tex_c, err);
         if (s != SLT_OK) return s;
         for (uint32_t i = 0; i < q.fcount; i++) im.data[i] = (float)slt_floats(f->p)[q.fbase + i];
         snprintf(name, sizeof name, "%.500s.exr", q.name);
-        s = join(path, sizeof path, f->c->output, name, err);
-        if (s == SLT_OK) s = image_write(path, &im, NULL, err);
+        s = fit_join(path, sizeof path, f->c->output, name, err);
+        if (s == SLT_OK)
+            s = q.tex_d ? volume_write(path, &im, (int)slices, NULL, err) : image_write(path, &im, NULL, err);
         snprintf(name, sizeof name, "%.500s.png", q.name);
-        if (s == SLT_OK) s = join(path, sizeof path, f->c->output, name, err);
+        if (s == SLT_OK) s = fit_join(path, sizeof path, f->c->output, name, err);
         if (s == SLT_OK) s = q.is_heightfield ? write_relief(path, &q, &im, err) : image_write(path, &im, NULL, err);
         image_free(&im);
         if (s != SLT_OK) return s;
@@ -89,20 +76,10 @@ static SltStatus write_grids(Fit *f, SltError *err) {
     return SLT_OK;
 }
 
-/* The image of the best parameters as the first view sees them, whose values the program keeps. */
-static SltStatus render_first_view(Fit *f, const SltJob *job, float *image, SltError *err) {
-    const View *v = &f->scene.views[0];
-    SltStatus s = SLT_OK;
-    for (uint32_t k = 0; s == SLT_OK && k < v->nparams; k++)
-        s = slt_set_text(f->p, v->params[k].name, v->params[k].value, err);
-    return s == SLT_OK ? slt_render(f->p, job, image, NULL, err) : s;
-}
-
 static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
     char path[4096];
     const char *dir = f->c->output;
-    uint32_t ch = slt_channels(f->p);
-    SltStatus s = join(path, sizeof path, dir, "fitted.json", err);
+    SltStatus s = fit_join(path, sizeof path, dir, "fitted.json", err);
     if (s == SLT_OK) s = file_write_atomic(path, json, strlen(json), err);
     double *x = malloc((f->result.iterations + 1) * sizeof *x);
     for (uint32_t i = 0; x && i < f->result.iterations; i++) x[i] = i + 1;
@@ -110,7 +87,7 @@ static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
     PlotOptions plot = {.title = "loss", .x_label = "iteration", .y_label = "loss", .log_y = true};
     char *svg = s == SLT_OK && x && f->result.iterations ? plot_svg(&plot, &series, 1, err) : NULL;
     if (s == SLT_OK && !svg && f->result.iterations) s = x ? err->status : status_fail(err, SLT_LIMIT, "out of memory");
-    if (svg && (s = join(path, sizeof path, dir, "loss.svg", err)) == SLT_OK)
+    if (svg && (s = fit_join(path, sizeof path, dir, "loss.svg", err)) == SLT_OK)
         s = file_write_atomic(path, svg, strlen(svg), err);
     free(svg);
     free(x);
@@ -120,46 +97,21 @@ static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
     for (uint32_t i = 0; out && i < f->result.iterations; i++) fprintf(out, "%u,%.17g\n", i + 1, f->result.losses[i]);
     char *csv = text_close(&text);
     if (s == SLT_OK && !csv) s = status_fail(err, SLT_LIMIT, "out of memory");
-    if (s == SLT_OK && (s = join(path, sizeof path, dir, "loss.csv", err)) == SLT_OK)
+    if (s == SLT_OK && (s = fit_join(path, sizeof path, dir, "loss.csv", err)) == SLT_OK)
         s = file_write_atomic(path, csv, text.size, err);
     free(csv);
     if (s == SLT_OK) s = write_grids(f, err);
-    if (s != SLT_OK || f->c->minimize) return s;
-    Image im;
-    if ((s = image_create(&im, (int)f->c->job.size[0], (int)f->c->job.size[1], (int)ch, err)) != SLT_OK) return s;
-    SltJob job = f->c->job;
-    job.cancel = NULL;
-    for (uint32_t k = 0; k < ch; k++) image_set_name(&im, (int)k, report_channel(ch, k));
-    report_metadata(&im, f->c, f->p); /* before the values of a view replace the common ones */
-    s = render_first_view(f, &job, im.data, err);
-    if (s == SLT_OK && (s = join(path, sizeof path, dir, "image.exr", err)) == SLT_OK)
-        s = image_write(path, &im, NULL, err);
-    ImageWriteOptions png = {.raw = slt_is_display(f->p)};
-    if (s == SLT_OK && (s = join(path, sizeof path, dir, "image.png", err)) == SLT_OK)
-        s = image_write(path, &im, &png, err);
-    const Image *strip[FRAMES + 2];
-    int n = 0;
-    for (uint32_t k = 0; k < f->nframes; k++) strip[n++] = &f->frames[k];
-    strip[n++] = &im;
-    Image target = {.width = im.width, .height = im.height, .channels = im.channels, .data = f->scene.views[0].target},
-          film;
-    if (target.data) strip[n++] = &target;
-    if (s == SLT_OK && (s = image_film_strip(strip, n, 4, &film, err)) == SLT_OK) {
-        if ((s = join(path, sizeof path, dir, "strip.png", err)) == SLT_OK) s = image_write(path, &film, &png, err);
-        image_free(&film);
-    }
-    image_free(&im);
-    return s;
+    return s == SLT_OK && !f->c->minimize ? fit_write_pictures(f, err) : s;
 }
 
 /* A folder that a fit has not filled before may hold a file of a name that would be written: somebody else's. */
 SltStatus fit_check_folder(const Fit *f, SltError *err) {
-    static const char *const usual[] = {"loss.svg", "loss.csv", "image.exr", "image.png", "strip.png"};
+    static const char *const usual[] = {"loss.svg", "loss.csv", "image.exr", "image.png", "strip.png", "fit.png"};
     char path[4096], name[512];
     const char *dir = f->c->output;
     if (mkdir(dir, 0777) != 0 && errno != EEXIST)
         return status_fail_errno(err, SLT_OUTPUT, errno, "cannot make the folder %s", dir);
-    SltStatus s = join(path, sizeof path, dir, "fitted.json", err);
+    SltStatus s = fit_join(path, sizeof path, dir, "fitted.json", err);
     if (s != SLT_OK || access(path, F_OK) == 0) return s;
     uint32_t params = slt_param_count(f->p), n = sizeof usual / sizeof *usual + 2 * params;
     for (uint32_t k = 0; k < n; k++) {
@@ -167,7 +119,7 @@ SltStatus fit_check_folder(const Fit *f, SltError *err) {
         if (k >= 2 * params) snprintf(name, sizeof name, "%s", usual[k - 2 * params]);
         else slt_param(f->p, k / 2, &q), snprintf(name, sizeof name, "%.500s.%s", q.name, k & 1 ? "png" : "exr");
         if (k < 2 * params && !q.is_texture && !q.is_heightfield) continue;
-        if ((s = join(path, sizeof path, dir, name, err)) != SLT_OK) return s;
+        if ((s = fit_join(path, sizeof path, dir, name, err)) != SLT_OK) return s;
         if (access(path, F_OK) == 0)
             return status_fail(err, SLT_OUTPUT,
                                "'%s' is there, and %s holds no earlier fit: choose another folder for -o", path, dir);

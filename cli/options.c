@@ -245,6 +245,27 @@ static int set_smooth(Cli *c, const Option *o, const char *v) {
     return set_rates(c, o->name, v, c->smooth, &c->nsmooth);
 }
 
+static int set_schedule(Cli *c, const Option *o, const char *v) {
+    static const char exponential[] = "exponential=";
+    bool decays = !strncmp(v, exponential, sizeof exponential - 1);
+    c->schedule = decays ? 1 : !strcmp(v, "cosine") ? 2 : strcmp(v, "constant") ? -1 : 0;
+    c->schedule_given = true;
+    if (c->schedule < 0 || (decays && !parse_number(v + sizeof exponential - 1, 1e-300, 1, &c->decay)))
+        return cli_usage(c, "%s: constant, exponential=F (F above 0, at most 1) or cosine is wanted, not `%s`", o->name,
+                         v);
+    return SLT_OK;
+}
+
+static int set_betas(Cli *c, const Option *o, const char *v) {
+    char text[64];
+    const char *comma = strchr(v, ',');
+    snprintf(text, sizeof text, "%.*s", comma ? (int)(comma - v) : 0, v);
+    if (!comma || !parse_number(text, 1e-300, 0.999999999999, &c->beta1) ||
+        !parse_number(comma + 1, 1e-300, 0.999999999999, &c->beta2))
+        return cli_usage(c, "%s: two numbers above 0 and below 1 are wanted, not `%s`", o->name, v);
+    return SLT_OK;
+}
+
 static int set_verify(Cli *c, const Option *o, const char *v) {
     (void)o;
     if (v) c->opt.verify_after = v;

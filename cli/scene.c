@@ -271,12 +271,44 @@ static int read_loss(Reader *r, json_t *root) {
     return status;
 }
 
+/* "constant", "cosine" or {"exponential": factor}. */
+static int read_schedule(Reader *r, json_t *root) {
+    json_t *j = json_object_get(root, "schedule");
+    const char *name = json_string_value(j);
+    double decay = 0;
+    int status = SLT_OK;
+    if (!j || r->c->schedule_given) return SLT_OK;
+    if (json_is_object(j)) {
+        status = known_keys(r, j, "optimizer.schedule", KEYS("exponential"));
+        if (status == SLT_OK) status = number_of(r, j, "exponential", 1e-300, 1, &decay);
+    }
+    if (status != SLT_OK) return status;
+    if (!(decay > 0) && (!name || (strcmp(name, "constant") && strcmp(name, "cosine"))))
+        return bad(r, "optimizer.schedule", "\"constant\", \"cosine\" or {\"exponential\": factor} is wanted");
+    r->c->schedule = decay > 0 ? SLT_FIT_EXPONENTIAL : strcmp(name, "cosine") ? SLT_FIT_CONSTANT : SLT_FIT_COSINE;
+    r->c->decay = decay;
+    return SLT_OK;
+}
+
+static int read_betas(Reader *r, json_t *root) {
+    json_t *j = json_object_get(root, "betas");
+    if (!j || r->c->beta1 > 0) return SLT_OK;
+    double b[2] = {json_number_value(json_array_get(j, 0)), json_number_value(json_array_get(j, 1))};
+    if (json_array_size(j) != 2 || !(b[0] > 0 && b[0] < 1 && b[1] > 0 && b[1] < 1))
+        return bad(r, "optimizer.betas", "a list of two numbers between 0 and 1 is wanted");
+    r->c->beta1 = b[0], r->c->beta2 = b[1];
+    return SLT_OK;
+}
+
 static int read_optimizer(Reader *r, json_t *root) {
     json_t *o = json_object_get(root, "optimizer");
     if (!o) return SLT_OK;
     if (!json_is_object(o)) return bad(r, "optimizer", "an object is wanted");
-    int status = known_keys(r, o, "optimizer", KEYS("type", "iters", "lr"));
-    double iters = -1, lr = -1;
+    int status = known_keys(r, o, "optimizer", KEYS("type", "iters", "lr", "schedule", "betas", "views_per_step"));
+    double iters = -1, lr = -1, views = 0;
+    if (status == SLT_OK) status = read_schedule(r, o);
+    if (status == SLT_OK) status = read_betas(r, o);
+    if (status == SLT_OK) status = number_of(r, o, "views_per_step", 1, 1e6, &views);
     if (status == SLT_OK) status = text_of(r, o, "type", &r->s->optimizer, false);
     if (status == SLT_OK) status = number_of(r, o, "iters", 0, 1e8, &iters);
     if (status == SLT_OK) status = number_of(r, o, "lr", 0, 1e30, &lr);
@@ -289,6 +321,7 @@ static int read_optimizer(Reader *r, json_t *root) {
         }
         if (!r->c->optimizer_given) r->c->optimizer = r->s->optimizer;
     }
+    if (!r->c->views_per_step) r->c->views_per_step = (uint32_t)views;
     if (iters >= 0 && !r->c->iters_given) r->c->iters = (uint32_t)iters;
     if (lr >= 0 && r->c->nlr < CLI_MAX_LIST) {
         char text[40];
@@ -304,8 +337,8 @@ static int read_root(Reader *r, json_t *root) {
     int status =
         known_keys(r, root, "",
                    KEYS("shader", "entry", "set", "size", "spp", "segments", "samples", "seed", "params", "views",
-                        "target", "mask", "optimizer", "output", "filter", "minimize", "precision", "loss"));
-    double spp = -1, segments = -1, samples = -1, seed = -1;
+                        "target", "mask", "optimizer", "output", "filter", "minimize", "precision", "loss", "frames"));
+    double spp = -1, segments = -1, samples = -1, seed = -1, frames = 0;
     char *filter = NULL, *precision = NULL;
     if (status == SLT_OK) status = text_of(r, root, "shader", &r->s->shader, true);
     if (status == SLT_OK && !r->s->shader) status = bad(r, "", "`shader` is missing");
@@ -317,6 +350,7 @@ static int read_root(Reader *r, json_t *root) {
     if (status == SLT_OK) status = number_of(r, root, "segments", 1, 1e12, &segments);
     if (status == SLT_OK) status = number_of(r, root, "samples", 1, 1e12, &samples);
     if (status == SLT_OK) status = number_of(r, root, "seed", 0, 4294967295.0, &seed);
+    if (status == SLT_OK) status = number_of(r, root, "frames", 1, 1e8, &frames);
     if (status == SLT_OK) status = read_set(r, root);
     if (status == SLT_OK) status = read_size(r, root);
     if (status == SLT_OK) status = read_params(r, root);
@@ -337,6 +371,7 @@ static int read_root(Reader *r, json_t *root) {
     if (segments > 0 && !r->c->job.segments) r->c->job.segments = (uint64_t)segments;
     if (samples > 0 && !r->c->samples_given) r->c->job.samples = (uint64_t)samples, r->c->samples_given = true;
     if (seed >= 0 && !r->c->job.seed) r->c->job.seed = r->c->opt.seed = (uint32_t)seed;
+    if (!r->c->frames) r->c->frames = (uint32_t)frames;
     json_t *minimize = json_object_get(root, "minimize");
     if (minimize && !json_is_boolean(minimize)) return bad(r, "minimize", "true or false is wanted");
     if (json_is_true(minimize)) r->c->minimize = true;

@@ -53,10 +53,12 @@ struct SltProgram {
     uint32_t *list_counts;    /* [SLT_MAX_CULL]: iterations of each */
     uint8_t *list_noted;      /* [SLT_MAX_CULL]: 1 where `bounds` notes which can matter */
     uint8_t *site_kind, *site_static, *site_skips, *site_ties; /* by site: see SltScene */
-    uint8_t *edge_upsets;                                      /* as edge_kind; NULL: no seam does */
-    uint32_t *edge_line;                                       /* likewise: of the source */
-    uint8_t *edge_bends;                                       /* by edge: see SltScene */
-    uint8_t *edge_kind; /* by edge; NULL until a kernel that knows edges was asked for */
+    SltTwins *twins;                                           /* [ntwins] */
+    uint32_t ntwins;
+    uint8_t *edge_upsets; /* as edge_kind; NULL: no seam does */
+    uint32_t *edge_line;  /* likewise: of the source */
+    uint8_t *edge_bends;  /* by edge: see SltScene */
+    uint8_t *edge_kind;   /* by edge; NULL until a kernel that knows edges was asked for */
     uint32_t nedges;
     bool flat, told, chunked;       /* see SltScene */
     uint8_t *dense;                 /* [nfloats]: 1 where some reverse kernel adds to adj */
@@ -141,6 +143,10 @@ SltStatus api_compile_beside(const SltProgram *p, const char *more, const char *
 void api_flt_from(SltProgram *p, const double *values, uint32_t base,
                   uint32_t count);                                     /* flt[base..] = values[base..] */
 void api_params_changed(SltProgram *p, uint32_t base, uint32_t count); /* floats[base..] are new: flt follows */
+/* What `name` names; where there is none, fails with the status `wrong` and a text, which begins with `what` unless
+ * that is NULL. Nothing of it stays in memory, so that a program may be asked for ever. */
+SltStatus api_find(const SltProgram *p, const char *name, SltStatus wrong, const char *what, ParamRef *out,
+                   SltError *err);
 SltStatus api_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError *err); /* slt_wrt, program entered */
 
 /* ---- values_read.c */

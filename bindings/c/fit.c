@@ -16,9 +16,8 @@ const char *slt_fit_optimizer(uint32_t index) {
 
 /* ---- set-up */
 SltStatus fit_find_param(const SltProgram *p, const char *name, const char *what, ParamRef *at, SltError *err) {
-    const char *why = NULL;
-    if (name && program_find(p->prog, name, at, &why)) return SLT_OK;
-    return status_fail(err, SLT_USAGE, "%s: %s", what, why ? why : "it has no name");
+    if (!name) return status_fail(err, SLT_USAGE, "%s: it has no name", what);
+    return api_find(p, name, SLT_USAGE, what, at, err);
 }
 
 SltStatus fit_out_of_memory(SltError *err) { return status_fail(err, SLT_LIMIT, "out of memory for a fit"); }
@@ -48,6 +47,16 @@ static SltStatus take_options(SltFit *f, const SltFitOptions *given, SltError *e
     if (o->metric != SLT_FIT_L2 && (o->minimize || o->loss))
         return status_fail(err, SLT_USAGE, "a metric compares an image with its target, and here is another loss");
     if (!o->huber_delta) o->huber_delta = 0.1;
+    bool compares = optimise_wants_same_loss(f->method);
+    if ((unsigned)o->schedule > SLT_FIT_COSINE || (o->schedule && compares))
+        return status_fail(err, SLT_USAGE, "the schedule %d of the learning rates is none%s", (int)o->schedule,
+                           compares ? ": of this optimiser they are no steps" : "");
+    if (o->schedule == SLT_FIT_EXPONENTIAL && !(o->decay > 0 && o->decay <= 1))
+        return status_fail(err, SLT_USAGE, "a decay above 0, at most 1, is wanted, not %g", o->decay);
+    if (o->views_per_step > o->nviews || (o->views_per_step && compares))
+        return status_fail(err, SLT_USAGE, "%u views an iteration%s", o->views_per_step,
+                           compares ? ": this optimiser compares losses, and wants all" : ", and there are fewer");
+    if (o->views_per_step == o->nviews) o->views_per_step = 0;
     f->job.integral = o->minimize;
     double values = slt_channels(f->p);
     for (uint32_t d = 0; d < 3; d++) {
@@ -80,6 +89,8 @@ static void free_fit(SltFit *f) {
     free(f->gradient);
     free(f->all);
     free(f->joined);
+    free(f->latest);
+    free(f->drawn);
     free(f->own_floats);
     free(f->own_ints);
     free(f->losses);
@@ -99,12 +110,15 @@ static SltStatus allocate(SltFit *f, SltError *err) {
     f->all = calloc(rows * (nf + 1), sizeof *f->all);
     f->own_floats = calloc(nf + 1, sizeof *f->own_floats);
     f->joined = calloc(nf + 1, sizeof *f->joined);
+    f->latest = malloc((f->nviews + 1) * sizeof *f->latest);
+    f->drawn = calloc(f->nviews + 1, 1);
+    for (uint32_t v = 0; f->latest && v < f->nviews; v++) f->latest[v] = NAN;
     f->own_ints = calloc(ni + 1, sizeof *f->own_ints);
     if (!f->opt.minimize) f->image = calloc(f->nvalues, sizeof *f->image);
     if (fit_wants_adjoint(f))
         f->other = calloc(f->nvalues, sizeof *f->other), f->adjoint = calloc(f->nvalues, sizeof *f->adjoint);
-    if (!f->index || !f->all || !f->joined || !f->own_floats || !f->own_ints || (!f->opt.minimize && !f->image) ||
-        (fit_wants_adjoint(f) && (!f->other || !f->adjoint)))
+    if (!f->index || !f->all || !f->latest || !f->drawn || !f->joined || !f->own_floats || !f->own_ints ||
+        (!f->opt.minimize && !f->image) || (fit_wants_adjoint(f) && (!f->other || !f->adjoint)))
         return fit_out_of_memory(err);
     for (uint32_t i = 0; i < slt_float_count(f->p); i++)
         if (f->p->wrt[i]) f->index[f->n++] = i;
@@ -191,6 +205,13 @@ static bool tell(const SltFit *f, double loss) {
     return f->opt.iterated(f->opt.iterated_user, &at);
 }
 
+/* The factor of the learning rates for the step behind so many evaluations. */
+static double scheduled(const SltFitOptions *o, uint32_t done) {
+    if (o->schedule == SLT_FIT_EXPONENTIAL) return pow(o->decay, done - 1.0);
+    if (o->schedule == SLT_FIT_COSINE) return (1 + cos(M_PI * (done - 1.0) / o->iterations)) / 2;
+    return 1;
+}
+
 static SltStatus step(SltFit *f, SltError *err) {
     double loss = 0, limit = f->job.time_limit;
     SltStatus status = SLT_OK;
@@ -204,6 +225,7 @@ static SltStatus step(SltFit *f, SltError *err) {
     if (status != SLT_OK) return stopped(f, SLT_FIT_FAILED, status, err->text);
     f->losses[f->iteration++] = loss;
     bool enough = tell(f, loss);
+    optimise_set_rate(f->optimiser, scheduled(&f->opt, f->iteration));
     OptimiseState state = optimise_step(f->optimiser, loss, f->gradient);
     if (f->opt.every && f->iteration % f->opt.every == 0 && (status = fit_save(f, err)) != SLT_OK)
         return stopped(f, SLT_FIT_FAILED, status, err->text);
@@ -236,6 +258,29 @@ SltStatus slt_fit_step(SltFit *f, SltFitStop *stop, SltError *err) {
     if (status != SLT_OK) return status;
     if (f->stop == SLT_FIT_RUNNING) status = step(f, err);
     *stop = f->stop;
+    api_let_go(f->p);
+    return status;
+}
+
+static SltStatus draw_view(SltFit *f, uint32_t view, bool best, const SltJob *job, float *image, SltError *err) {
+    SltJob own = f->job;
+    double loss = 0;
+    const double *x = best ? optimise_best(f->optimiser, &loss) : optimise_parameters(f->optimiser);
+    if (view >= f->nviews) return status_fail(err, SLT_USAGE, "the fit has %u views, and no view %u", f->nviews, view);
+    if (job && !api_struct_read(&own, sizeof own, job)) return api_struct_unknown(err, "SltJob");
+    fit_set_active(f, isfinite(loss) ? x : optimise_parameters(f->optimiser));
+    fit_use_view(f, &f->views[view], &own);
+    SltStatus status = slt_render(f->views[view].p, &own, image, f->opt.stats, err);
+    fit_set_active(f, optimise_parameters(f->optimiser));
+    return status;
+}
+
+SltStatus slt_fit_image(SltFit *f, uint32_t view, bool best, const SltJob *job, float *image, SltError *err) {
+    SltError mine = {0};
+    if (!err) err = &mine;
+    SltStatus status = api_hold(f->p, err);
+    if (status != SLT_OK) return status;
+    status = draw_view(f, view, best, job, image, err);
     api_let_go(f->p);
     return status;
 }

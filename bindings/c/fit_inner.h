@@ -57,6 +57,8 @@ struct SltFit {
     double *own_floats;     /* [nfloats], and own_ints [nints]: values in the view in hand, of the largest program */
     int32_t *own_ints;
     double *losses; /* [losses_cap] */
+    double *latest; /* [nviews]: the last loss of each; NaN: not drawn yet */
+    bool *drawn;    /* [nviews]: in this iteration */
     size_t losses_cap;
     size_t nvalues;         /* floats of the largest image */
     float *image;           /* of the first view, the latest */

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "bindings/c/fit_inner.h"
+#include "runtime/base/rng.h"
 
 /* Flipped in the seed of the derivative after a loss that is not squared, so that its samples are others than those of
  * the image from which the adjoint came. */
@@ -83,6 +84,28 @@ static const double *joined(SltFit *f, const View *v) {
     return f->joined;
 }
 
+/* Marks the views of this iteration; how many there are. By a shuffle whose words are of the seed and the iteration. */
+static uint32_t choose_views(SltFit *f) {
+    uint32_t n = f->nviews, k = f->opt.views_per_step, word[4];
+    memset(f->drawn, !k, n * sizeof *f->drawn);
+    if (!k) return n;
+    /* Floyd's choice of k of n: each set is as likely. */
+    for (uint32_t j = n - k; j < n; j++) {
+        rng_block(f->job.seed, RNG_VIEW, j, f->iteration, word);
+        uint32_t pick = (uint32_t)(((uint64_t)word[0] * (j + 1)) >> 32);
+        f->drawn[f->drawn[pick] ? j : pick] = true;
+    }
+    return k;
+}
+
+static double latest(const SltFit *f) {
+    double sum = 0;
+    uint32_t n = 0;
+    for (uint32_t v = 0; v < f->nviews; v++)
+        if (!isnan(f->latest[v])) sum += f->latest[v], n++;
+    return sum / n;
+}
+
 /* The mean over the views of the loss at the optimiser's point, into *loss and f->gradient. */
 SltStatus fit_evaluate(SltFit *f, double *loss, SltError *err) {
     SltStatus status = SLT_OK;
@@ -92,19 +115,23 @@ SltStatus fit_evaluate(SltFit *f, double *loss, SltError *err) {
     memset(f->gradient, 0, f->n * sizeof *f->gradient);
     *loss = 0;
     if (f->opt.minimize) return evaluate_integral(f, &job, loss, err);
+    uint32_t each = choose_views(f);
     for (uint32_t v = 0; v < f->nviews && status == SLT_OK; v++) {
         const View *view = &f->views[v];
         double one = 0;
         job.seed += v;
+        if (!f->drawn[v]) continue;
         fit_use_view(f, view, &job);
         if (fit_wants_adjoint(f)) status = adjoint_loss(f, &job, v, &one, err);
         else
             status = slt_grad_loss(view->p, &job, view->target, view->mask, &one, f->all, NULL,
                                    v == 0 ? f->image : NULL, f->opt.stats, err);
         if (status != SLT_OK) break;
-        *loss += one / f->nviews;
+        if (isfinite(one)) f->latest[v] = one;
+        *loss += one / each;
         const double *all = joined(f, view);
-        for (uint32_t i = 0; i < f->n; i++) f->gradient[i] += all[f->index[i]] / f->nviews;
+        for (uint32_t i = 0; i < f->n; i++) f->gradient[i] += all[f->index[i]] / each;
     }
+    if (f->opt.views_per_step && isfinite(*loss)) *loss = latest(f);
     return status;
 }

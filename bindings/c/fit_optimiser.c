@@ -1,6 +1,7 @@
 /* The optimiser of a fit: learning rates, bounds, scales and smoothing of its floats. */
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "bindings/c/fit_inner.h"
 
@@ -10,6 +11,8 @@ static SltStatus find_grid(SltFit *f, const SltFitNumber *smooth, OptimiseGrid *
     if (status != SLT_OK) return status;
     const Type *t = at.type;
     uint32_t w = 1, h = 1, channels = 1;
+    if (param_is_image(at.param) && at.param->tex_d)
+        return status_fail(err, SLT_USAGE, "`%s` cannot be smoothed: a grid of two dimensions is wanted", smooth->name);
     if (param_is_image(at.param)) {
         w = at.param->tex_w, h = at.param->tex_h, channels = at.param->tex_c;
     } else if (t->kind == T_ARRAY) {
@@ -40,10 +43,17 @@ static SltStatus find_grid(SltFit *f, const SltFitNumber *smooth, OptimiseGrid *
 }
 
 static SltStatus set_rate(const SltFit *f, const SltFitNumber *given, double *rate, SltError *err) {
-    ParamRef at = {.fcount = f->p->prog->nfloats};
-    SltStatus status = given->name ? fit_find_param(f->p, given->name, "learning rate", &at, err) : SLT_OK;
+    uint32_t nfloats = f->p->prog->nfloats;
+    ParamPattern named;
+    const char *why = NULL;
+    uint8_t *mark = calloc(nfloats + 1, 1);
+    SltStatus status = mark ? SLT_OK : fit_out_of_memory(err);
+    if (mark && !given->name) memset(mark, 1, nfloats);
+    else if (mark && program_find_pattern(f->p->prog, given->name, &named, &why)) program_mark(&named, mark);
+    else if (mark) status = status_fail(err, SLT_USAGE, "learning rate: %s", why ? why : "it has no name");
     for (uint32_t i = 0; status == SLT_OK && i < f->n; i++)
-        if (f->index[i] >= at.fbase && f->index[i] < at.fbase + at.fcount) rate[i] = given->value;
+        if (mark[f->index[i]]) rate[i] = given->value;
+    free(mark);
     return status;
 }
 
@@ -53,8 +63,8 @@ static SltStatus apply_mask(const SltFit *f, const SltFitMask *m, double *rate, 
     if (status != SLT_OK) return status;
     uint64_t cells = (uint64_t)m->width * m->height;
     bool resource = param_is_image(at.param);
-    if (!m->factors ||
-        (resource ? m->width != at.param->tex_w || m->height != at.param->tex_h : !cells || at.fcount % cells))
+    uint64_t rows = (uint64_t)at.param->tex_h * (at.param->tex_d ? at.param->tex_d : 1); /* slices below each other */
+    if (!m->factors || (resource ? m->width != at.param->tex_w || m->height != rows : !cells || at.fcount % cells))
         return status_fail(err, SLT_INPUT, "the mask of `%s` is %u x %u, but there are %u number%s%s", m->name,
                            m->width, m->height, at.fcount, at.fcount == 1 ? "" : "s",
                            resource ? " in another shape" : "");
@@ -72,7 +82,28 @@ static SltStatus apply_mask(const SltFit *f, const SltFitMask *m, double *rate, 
     return SLT_OK;
 }
 
-/* Bounds and scales are [Range] and [Log] of the declarations. */
+/* Bounds and scales: [Range] and [Log] of the declarations. */
+static SltStatus read_limits(const SltFit *f, double *lo, double *hi, uint8_t *log, SltError *err) {
+    uint32_t at = 0;
+    for (uint32_t k = 0; k < f->p->prog->nparams; k++) {
+        const Param *q = &f->p->prog->params[k];
+        uint32_t first = at;
+        while (at < f->n && f->index[at] < q->fbase + q->fcount) at++;
+        if (at == first) continue;
+        double *bounds = malloc(2 * (size_t)q->fcount * sizeof *bounds);
+        uint8_t *logs = malloc(q->fcount);
+        if (bounds && logs) program_limits(q, bounds, bounds + q->fcount, logs);
+        for (uint32_t i = first; bounds && logs && i < at; i++) {
+            uint32_t own = f->index[i] - q->fbase;
+            lo[i] = bounds[own], hi[i] = bounds[q->fcount + own], log[i] = logs[own];
+        }
+        bool ok = bounds && logs;
+        free(bounds), free(logs);
+        if (!ok) return fit_out_of_memory(err);
+    }
+    return SLT_OK;
+}
+
 SltStatus fit_make_optimiser(SltFit *f, SltError *err) {
     const SltFitOptions *o = &f->opt;
     size_t n = f->n;
@@ -84,14 +115,8 @@ SltStatus fit_make_optimiser(SltFit *f, SltError *err) {
     for (uint32_t i = 0; status == SLT_OK && i < n; i++) {
         start[i] = f->p->floats[f->index[i]];
         rate[i] = optimise_rate(f->method);
-        lo[i] = -INFINITY, hi[i] = INFINITY;
-        for (uint32_t k = 0; k < f->p->prog->nparams; k++) {
-            const Param *q = &f->p->prog->params[k];
-            if (f->index[i] < q->fbase || f->index[i] >= q->fbase + q->fcount) continue;
-            if (q->attrs.has_range) lo[i] = q->attrs.lo, hi[i] = q->attrs.hi;
-            log[i] = q->attrs.log;
-        }
     }
+    if (status == SLT_OK) status = read_limits(f, lo, hi, log, err);
     for (uint32_t k = 0; status == SLT_OK && k < o->nrates; k++) status = set_rate(f, &o->rates[k], rate, err);
     for (uint32_t k = 0; status == SLT_OK && k < o->nrate_masks; k++)
         status = apply_mask(f, &o->rate_masks[k], rate, err);

@@ -1,4 +1,5 @@
-/* Checkpoints of a fit: the losses so far go with the optimiser's state. */
+/* Checkpoints of a fit: the losses so far go with the optimiser's state, and behind them, where each step draws some
+ * views only, the last loss of every view. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -45,6 +46,9 @@ static void hash_problem(Session *s, void *arg) {
     }
     if (f->opt.metric != SLT_FIT_L2) h = ir_mix(h, f->opt.metric);
     if (f->opt.metric == SLT_FIT_HUBER) h = mix_double(h, f->opt.huber_delta);
+    if (f->opt.views_per_step) h = ir_mix(h, f->opt.views_per_step);
+    if (f->opt.schedule) h = mix_double(ir_mix(h, f->opt.schedule), f->opt.decay);
+    if (f->opt.schedule == SLT_FIT_COSINE) h = ir_mix(h, f->opt.iterations);
     for (const char *c = f->opt.loss ? f->opt.loss_name : NULL; c && *c; c++) h = ir_mix(h, (uint8_t)*c);
     snprintf(f->key, sizeof f->key,
              "saltus fit %08x %ux%u spp %u samples %llu segments %llu seed %u filter %d estimator %d optimizer %s", h,
@@ -60,20 +64,24 @@ SltStatus fit_prepare_checkpoint(SltFit *f, SltError *err) {
     if (unwound) return status_fail(err, (SltStatus)unwound, "%s", f->p->session->unwind_text);
     if (o->checkpoint && !(f->checkpoint = strdup(o->checkpoint))) return fit_out_of_memory(err);
     if (!o->resume) return SLT_OK;
-    void *losses = NULL;
-    size_t size = 0;
-    SltStatus status = optimise_load(f->optimiser, o->resume, f->key, &losses, &size, err);
+    double *numbers = NULL;
+    size_t size = 0, behind = f->opt.views_per_step ? f->nviews : 0;
+    SltStatus status = optimise_load(f->optimiser, o->resume, f->key, (void **)&numbers, &size, err);
     if (status != SLT_OK) return status;
-    f->iteration = (uint32_t)(size / sizeof *f->losses);
-    if (!fit_room_for_losses(f, f->iteration)) status = fit_out_of_memory(err);
-    else if (f->iteration) memcpy(f->losses, losses, f->iteration * sizeof *f->losses);
-    free(losses);
+    if (size < behind * sizeof *numbers) status = status_fail(err, SLT_INPUT, "cannot resume from '%s'", o->resume);
+    else f->iteration = (uint32_t)(size / sizeof *numbers - behind);
+    if (status == SLT_OK && !fit_room_for_losses(f, f->iteration + behind)) status = fit_out_of_memory(err);
+    if (status == SLT_OK && f->iteration) memcpy(f->losses, numbers, f->iteration * sizeof *numbers);
+    if (status == SLT_OK && behind) memcpy(f->latest, numbers + f->iteration, behind * sizeof *numbers);
+    free(numbers);
     return status;
 }
 
 SltStatus fit_save(SltFit *f, SltError *err) {
     if (!f->checkpoint || f->unsaved) return SLT_OK;
-    size_t size = f->iteration * sizeof *f->losses;
+    size_t behind = f->opt.views_per_step ? f->nviews : 0, size = (f->iteration + behind) * sizeof *f->losses;
+    if (!fit_room_for_losses(f, f->iteration + behind)) return fit_out_of_memory(err);
+    if (behind) memcpy(f->losses + f->iteration, f->latest, behind * sizeof *f->latest);
     SltStatus status = optimise_save(f->optimiser, f->checkpoint, f->key, f->losses, size, err);
     f->unsaved = status != SLT_OK;
     return status;

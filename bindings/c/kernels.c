@@ -81,7 +81,7 @@ static void fill_scene(SltProgram *p) {
     s->dense = p->opt.interpret ? NULL : p->dense;
     s->nsites = g->primal->nsites;
     s->site_kind = p->site_kind, s->site_static = p->site_static, s->site_skips = p->site_skips,
-    s->site_ties = p->site_ties;
+    s->site_ties = p->site_ties, s->twins = p->twins, s->ntwins = p->ntwins;
     s->nedges = p->nedges, s->edge_kind = p->edge_kind, s->flat = p->flat, s->told = p->told, s->chunked = p->chunked;
     s->edge_upsets = p->edge_upsets, s->edge_bends = p->edge_bends, s->edge_line = p->edge_line;
     s->still = !p->passes.untracked;
@@ -113,6 +113,14 @@ static void find_noted(const Block *b, uint8_t *noted) {
     }
 }
 
+static void twin_table(SltProgram *p) {
+    Twins *twins;
+    p->ntwins = depend_twins(p->prog->primal, &p->session->module, &twins);
+    p->twins = ARENA_ARRAY(&p->session->module, SltTwins, p->ntwins + 1);
+    for (uint32_t t = 0; t < p->ntwins; t++)
+        p->twins[t] = (SltTwins){{twins[t].site[0], twins[t].site[1]}, twins[t].times};
+}
+
 static void site_tables(SltProgram *p) {
     const Fn *primal = p->prog->primal;
     Arena *a = &p->session->module;
@@ -128,6 +136,7 @@ static void site_tables(SltProgram *p) {
         p->site_static[s] = !(facts[s] & DEPENDS_X);
         p->site_ties[s] = (facts[s] & DEPENDS_TIES) != 0;
     }
+    twin_table(p);
     p->list_counts = ARENA_ARRAY(a, uint32_t, SLT_MAX_CULL);
     p->list_noted = ARENA_ARRAY(a, uint8_t, SLT_MAX_CULL);
     p->cull_kernels = ARENA_ARRAY(a, SltKernel *, p->prog->ncull + 1);

@@ -36,15 +36,29 @@ static SltStatus fill_numbers(Stage *s, const Type *t, ShapeCursor *c, const dou
     return SLT_OK;
 }
 
+/* Of a texture or a geometry: its image, slices below each other. */
+static SltStatus read_texels(const Param *q, bool raw, const char *path, Image *im, SltError *err) {
+    ImageReadOptions opt = {.raw = raw};
+    int depth = 0;
+    SltStatus status = q->tex_d ? volume_read(path, &opt, im, &depth, err) : image_read(path, &opt, im, err);
+    if (status != SLT_OK) return status;
+    uint32_t h = (uint32_t)(im->height / (depth ? depth : 1));
+    char deep[32] = "", wanted[32] = "";
+    if (q->tex_d) snprintf(deep, sizeof deep, "x%d", depth), snprintf(wanted, sizeof wanted, "x%u", q->tex_d);
+    if ((uint32_t)im->width == q->tex_w && h == q->tex_h && (uint32_t)depth == q->tex_d &&
+        (uint32_t)im->channels >= q->tex_c)
+        return SLT_OK;
+    status = status_fail(err, SLT_INPUT, "%s is %dx%u%s with %d channels, but `%s` is %ux%u%s with %u", path, im->width,
+                         h, deep, im->channels, q->name, q->tex_w, q->tex_h, wanted, q->tex_c);
+    image_free(im);
+    return status;
+}
+
 SltStatus values_read_image(Stage *s, const Param *q, const char *path) {
     Image im;
-    ImageReadOptions raw = {.raw = q->is_geometry || s->p->prog->display};
-    SltStatus status = image_read(path, &raw, &im, s->err);
+    SltStatus status = read_texels(q, q->is_geometry || s->p->prog->display, path, &im, s->err);
     if (status != SLT_OK) return status;
-    if ((uint32_t)im.width != q->tex_w || (uint32_t)im.height != q->tex_h || (uint32_t)im.channels < q->tex_c)
-        status = status_fail(s->err, SLT_INPUT, "%s is %dx%d with %d channels, but `%s` is %ux%u with %u", path,
-                             im.width, im.height, im.channels, q->name, q->tex_w, q->tex_h, q->tex_c);
-    for (size_t t = 0; status == SLT_OK && t < (size_t)q->tex_w * q->tex_h; t++)
+    for (size_t t = 0; status == SLT_OK && t < (size_t)im.width * (size_t)im.height; t++)
         for (uint32_t c = 0; status == SLT_OK && c < q->tex_c; c++) {
             double v = (double)im.data[t * (size_t)im.channels + c];
             if (q->is_geometry && !isfinite(v))
@@ -54,6 +68,14 @@ SltStatus values_read_image(Stage *s, const Param *q, const char *path) {
         }
     image_free(&im);
     return status;
+}
+
+SltStatus values_fill(Stage *s, const Param *q, const char *path, const double *v, size_t n) {
+    ShapeCursor c = {q->fbase, q->ibase};
+    size_t at = 0;
+    if (fill_numbers(s, q->type, &c, v, n, &at) == SLT_OK && at == n) return SLT_OK;
+    return status_fail(s->err, SLT_INPUT, "%s holds %zu numbers, but `%s` (%s) wants %u", path, n, q->name,
+                       q->type->name, q->fcount + q->icount);
 }
 
 SltStatus values_read_file(Stage *s, const Param *q, const char *path) {
@@ -75,14 +97,11 @@ SltStatus values_read_file(Stage *s, const Param *q, const char *path) {
         return status;
     }
     if (param_is_image(q)) return values_read_image(s, q, path);
+    if (values_is_mesh(path)) return values_read_mesh(s, q, path);
     Table t;
     SltStatus status = table_read(path, &t, s->err);
     if (status != SLT_OK) return status;
-    ShapeCursor c = {q->fbase, q->ibase};
-    size_t at = 0, n = t.rows * t.cols;
-    if (fill_numbers(s, q->type, &c, t.data, n, &at) != SLT_OK || at != n)
-        status = status_fail(s->err, SLT_INPUT, "%s holds %zu numbers, but `%s` (%s) wants %u", path, n, q->name,
-                             q->type->name, q->fcount + q->icount);
+    status = values_fill(s, q, path, t.data, t.rows * t.cols);
     table_free(&t);
     return status;
 }
@@ -135,19 +154,23 @@ static bool probe_json(SltProgram *p, const char *path, const Symbol *of, uint32
     free(bytes);
     if (!root) return cannot_probe(p, &err, why);
     rows = json_is_object(root) ? json_object_get(root, of->doc_name) : root;
-    json_t *first = json_array_get(rows, 0), *texel = json_array_get(first, 0);
-    bool texels = type_is_resource(of->type),
-         ok = texels ? json_is_number(texel) || (json_is_array(texel) && json_array_size(texel)) : json_is_array(rows);
+    bool texels = type_is_resource(of->type), volume = of->type->kind == T_TEXTURE3D, ok = json_is_array(rows);
+    json_t *slice = volume ? json_array_get(rows, 0) : rows, *first = json_array_get(slice, 0),
+           *texel = json_array_get(first, 0);
+    if (texels) ok = json_is_number(texel) || (json_is_array(texel) && json_array_size(texel));
     if (ok && !texels) {
         bool nested = json_is_array(first) || json_is_object(first);
         dims[0] = (uint32_t)json_array_size(rows), dims[1] = nested ? count_scalars(first) : 1;
         *ndims = nested ? 2 : 1;
     } else if (ok) {
-        dims[0] = (uint32_t)json_array_size(json_array_get(rows, 0)), dims[1] = (uint32_t)json_array_size(rows),
-        dims[2] = json_is_array(texel) ? (uint32_t)json_array_size(texel) : 1;
-        *ndims = 3;
+        dims[0] = (uint32_t)json_array_size(first), dims[1] = (uint32_t)json_array_size(slice);
+        if (volume) dims[2] = (uint32_t)json_array_size(rows);
+        dims[volume ? 3 : 2] = json_is_array(texel) ? (uint32_t)json_array_size(texel) : 1;
+        *ndims = volume ? 4 : 3;
     } else {
-        *why = texels ? "rows of texels are wanted" : "a JSON list is wanted";
+        *why = volume   ? "slices of rows of texels are wanted"
+               : texels ? "rows of texels are wanted"
+                        : "a JSON list is wanted";
     }
     json_decref(root);
     return ok;
@@ -163,13 +186,23 @@ bool api_probe_asset(void *user, const char *path, const Symbol *of, uint32_t di
     if (texels) {
         Image im;
         ImageReadOptions raw = {.raw = geometry};
-        if (image_read(path, &raw, &im, &err) != SLT_OK) return cannot_probe(p, &err, why);
-        dims[0] = (uint32_t)im.width, dims[1] = (uint32_t)im.height,
-        dims[2] = geometry ? 1 : (uint32_t)(im.channels > 4 ? 4 : im.channels);
-        *ndims = 3;
+        int depth = 0;
+        bool volume = of->type->kind == T_TEXTURE3D;
+        if (volume && p->session->sandbox && volume_is_stack(path)) { /* each slice may be a link that leads out */
+            *why = "a sandbox allows no stacks of files";
+            return false;
+        }
+        SltStatus status = volume ? volume_read(path, &raw, &im, &depth, &err) : image_read(path, &raw, &im, &err);
+        if (status != SLT_OK) return cannot_probe(p, &err, why);
+        *ndims = volume ? 4 : 3;
+        dims[0] = (uint32_t)im.width, dims[1] = (uint32_t)(im.height / (volume ? depth : 1));
+        if (volume) dims[2] = (uint32_t)depth;
+        dims[volume ? 3 : 2] = geometry ? 1 : (uint32_t)(im.channels > 4 ? 4 : im.channels);
         image_free(&im);
         return true;
     }
+    if (values_is_mesh(path))
+        return values_probe_mesh(path, of->type, dims, ndims, &err) == SLT_OK || cannot_probe(p, &err, why);
     if (ends_with(path, ".npy")) {
         NumArray a;
         if (npy_read(path, &a, &err) != SLT_OK) return cannot_probe(p, &err, why);

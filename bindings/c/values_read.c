@@ -104,25 +104,18 @@ static SltStatus read_value(Stage *s, json_t *j, const Type *t, ShapeCursor *c, 
     }
 }
 
-static SltStatus read_texels(Stage *s, json_t *j, const Param *q, ShapeCursor *c) {
-    char wanted[96];
-    snprintf(wanted, sizeof wanted, "%u rows of %u texels", q->tex_h, q->tex_w);
-    if (!json_is_array(j) || json_array_size(j) != q->tex_h) return bad_value(s, q->name, wanted);
-    for (uint32_t y = 0; y < q->tex_h; y++) {
-        json_t *row = json_array_get(j, y);
-        if (!json_is_array(row) || json_array_size(row) != q->tex_w) return bad_value(s, q->name, wanted);
-        for (uint32_t x = 0; x < q->tex_w; x++) {
-            json_t *texel = json_array_get(row, x);
-            if (q->tex_c > 1 && (!json_is_array(texel) || json_array_size(texel) != q->tex_c))
-                return bad_value(s, q->name, wanted);
-            for (uint32_t k = 0; k < q->tex_c; k++) {
-                SltStatus status =
-                    read_value(s, q->tex_c > 1 ? json_array_get(texel, k) : texel, type_scalar(T_FLOAT), c, q->name);
-                if (status != SLT_OK) return status;
-            }
-        }
+static SltStatus read_texels(Stage *s, json_t *j, const Param *q, const uint32_t *n, uint32_t dims, ShapeCursor *c) {
+    if (!dims) return read_value(s, j, type_scalar(T_FLOAT), c, q->name);
+    if (!json_is_array(j) || json_array_size(j) != *n) {
+        char wanted[96];
+        int at = q->tex_d ? snprintf(wanted, sizeof wanted, "%u slices of ", q->tex_d) : 0;
+        snprintf(wanted + at, sizeof wanted - (size_t)at, "%u rows of %u texels", q->tex_h, q->tex_w);
+        return bad_value(s, q->name, wanted);
     }
-    return SLT_OK;
+    SltStatus status = SLT_OK;
+    for (uint32_t k = 0; status == SLT_OK && k < *n; k++)
+        status = read_texels(s, json_array_get(j, k), q, n + 1, dims - 1, c);
+    return status;
 }
 
 SltStatus stage_begin(Stage *s) {
@@ -185,7 +178,9 @@ SltStatus values_read_param(Stage *s, const Param *q, json_t *j) {
     ShapeCursor c = {q->fbase, q->ibase};
     json_t *file = param_is_image(q) ? json_object_get(j, "file") : NULL;
     if (json_is_string(file) && json_object_size(j) == 1) return read_named_file(s, q, json_string_value(file));
-    return param_is_image(q) ? read_texels(s, j, q, &c) : read_value(s, j, q->type, &c, q->name);
+    uint32_t n[4];
+    return param_is_image(q) ? read_texels(s, j, q, n, param_texel_sizes(q, n), &c)
+                             : read_value(s, j, q->type, &c, q->name);
 }
 
 static SltStatus set_params_json(SltProgram *p, const char *text, const char *shown_name, SltError *err) {
@@ -200,10 +195,9 @@ static SltStatus set_params_json(SltProgram *p, const char *text, const char *sh
     json_t *j;
     if (status == SLT_OK) json_object_foreach(root, key, j) {
             ParamRef ref;
-            const char *why = NULL;
-            if (!program_find(p->prog, key, &ref, &why))
-                status = status_fail(err, SLT_INPUT, "%s: %s", shown_name, why ? why : "unknown parameter");
-            else if (!strcmp(key, ref.param->name)) status = values_read_param(&s, ref.param, j);
+            status = api_find(p, key, SLT_INPUT, shown_name, &ref, err);
+            if (status != SLT_OK) break;
+            if (!strcmp(key, ref.param->name)) status = values_read_param(&s, ref.param, j);
             else {
                 ShapeCursor c = {ref.fbase, ref.ibase};
                 status = read_value(&s, j, ref.type, &c, key);
@@ -225,11 +219,10 @@ SltStatus slt_set_params_json(SltProgram *p, const char *text, const char *shown
 
 SltStatus api_set_text(SltProgram *p, const char *name, const char *value, SltError *err) {
     ParamRef ref;
-    const char *why = NULL;
-    if (!program_find(p->prog, name, &ref, &why))
-        return status_fail(err, SLT_USAGE, "%s", why ? why : "there is no such parameter");
+    SltStatus status = api_find(p, name, SLT_USAGE, NULL, &ref, err);
+    if (status != SLT_OK) return status;
     Stage s = {.p = p, .err = err, .shown = name};
-    SltStatus status = stage_begin(&s);
+    status = stage_begin(&s);
     if (status == SLT_OK && value[0] == '@') {
         if (strcmp(name, ref.param->name) != 0)
             status = status_fail(err, SLT_USAGE, "`%s`: a file gives a whole parameter", name);

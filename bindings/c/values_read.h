@@ -25,6 +25,13 @@ SltStatus values_read_param(Stage *s, const Param *q, json_t *j);
 
 /* values_file.c */
 SltStatus values_read_image(Stage *s, const Param *q, const char *path); /* of a texture or a geometry */
+/* Numbers in order of declaration; `path` had them. */
+SltStatus values_fill(Stage *s, const Param *q, const char *path, const double *v, size_t n);
 SltStatus values_read_file(Stage *s, const Param *q, const char *path);
+
+/* values_mesh.c: paths like "spot.obj" and "spot.obj:normals" */
+bool values_is_mesh(const char *path);
+SltStatus values_read_mesh(Stage *s, const Param *q, const char *path);
+SltStatus values_probe_mesh(const char *path, const Type *t, uint32_t dims[4], uint32_t *ndims, SltError *err);
 
 #endif

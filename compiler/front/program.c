@@ -1,5 +1,6 @@
 /* Components of parameters by name: "discs[3].centre.x", "m[1][2]", "module.name.r". */
 #include <ctype.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -33,6 +34,35 @@ static Counts counts(const Type *t) {
     }
 }
 
+typedef struct Limits {
+    double *lo, *hi;
+    uint8_t *log;
+} Limits;
+
+static void limit(const Type *t, uint32_t floats, const ParamAttrs *a, bool log, const ParamAttrs *range, Limits *out) {
+    if (a) log |= a->log;
+    if (a && a->has_range) range = a;
+    if (t->kind == T_ARRAY && t->elem->kind != T_FLOAT) {
+        for (uint32_t i = 0; i < t->n; i++) limit(t->elem, floats / t->n, NULL, log, range, out);
+        return;
+    }
+    if (t->kind == T_STRUCT) {
+        for (uint32_t k = 0; k < t->nfields; k++)
+            limit(t->fields[k].type, counts(t->fields[k].type).f, t->fields[k].attrs, log, range, out);
+        return;
+    }
+    for (uint32_t i = 0; i < floats; i++) {
+        *out->lo++ = range ? range->lo : -INFINITY;
+        *out->hi++ = range ? range->hi : INFINITY;
+        *out->log++ = log;
+    }
+}
+
+void program_limits(const Param *q, double *lo, double *hi, uint8_t *log) {
+    Limits out = {lo, hi, log};
+    limit(q->type, q->fcount, &q->attrs, false, NULL, &out);
+}
+
 static bool fail(const Program *p, const char **why, const char *text) {
     Session *s = p->session;
     if (why) *why = p->is_glsl && s->nsources ? glsl_in_words(s, &s->sources[0], text) : text;
@@ -53,9 +83,16 @@ static const Param *find_param(const Program *p, const char *name, size_t *len) 
     return best;
 }
 
-static bool step_index(const Program *p, ParamRef *r, uint32_t n, Type *elem, Counts each, const char **at,
-                       const char *start, const char **why) {
+static bool step_index(const Program *p, ParamRef *r, ParamPattern *stars, uint32_t n, Type *elem, Counts each,
+                       const char **at, const char *start, const char **why) {
     Arena *a = &p->session->session;
+    if (stars && !strncmp(*at, "[*]", 3) && stars->nstars < PARAM_MAX_STARS) {
+        stars->count[stars->nstars] = n, stars->stride[stars->nstars++] = each.f;
+        r->fcount = each.f, r->icount = each.i;
+        r->type = elem;
+        *at += 3;
+        return true;
+    }
     char *end;
     unsigned long v = isdigit((unsigned char)(*at)[1]) ? strtoul(*at + 1, &end, 10) : (end = (char *)*at, 0);
     if (*end != ']') return fail(p, why, arena_printf(a, "`%s`: an index is a number in brackets", start));
@@ -88,24 +125,24 @@ static bool step_field(const Program *p, ParamRef *r, const char **at, const cha
     }
     if (t->kind != T_STRUCT)
         return fail(p, why, arena_printf(a, "`%s`: %s has no field `%.*s`", start, t->name, (int)n, name));
-    const char **names = ARENA_ARRAY(a, const char *, t->nfields + 1);
     for (uint32_t k = 0; k < t->nfields; k++) {
         Counts c = counts(t->fields[k].type);
-        names[k] = t->fields[k].name;
-        if (strlen(names[k]) == n && !strncmp(names[k], name, n)) {
+        if (strlen(t->fields[k].name) == n && !strncmp(t->fields[k].name, name, n)) {
             r->fcount = c.f, r->icount = c.i;
             r->type = t->fields[k].type;
             return true;
         }
         r->fbase += c.f, r->ibase += c.i;
     }
+    const char **names = ARENA_ARRAY(a, const char *, t->nfields + 1);
+    for (uint32_t k = 0; k < t->nfields; k++) names[k] = t->fields[k].name;
     const char *near = suggest_nearest(arena_strndup(a, name, n), names, t->nfields);
     return fail(p, why,
                 arena_printf(a, "`%s`: %s has no field `%.*s`%s%s%s", start, t->name, (int)n, name,
                              near ? ", did you mean `" : "", near ? near : "", near ? "`?" : ""));
 }
 
-bool program_find(const Program *p, const char *name, ParamRef *out, const char **why) {
+static bool find(const Program *p, const char *name, ParamRef *out, ParamPattern *stars, const char **why) {
     Arena *a = &p->session->session;
     size_t len = 0;
     const Param *q = find_param(p, name, &len);
@@ -127,22 +164,20 @@ bool program_find(const Program *p, const char *name, ParamRef *out, const char 
     }
     ParamRef r = {q, q->type, q->fbase, q->fcount, q->ibase, q->icount};
     const char *at = name + len;
+    uint32_t size[4], dims = param_texel_sizes(q, size), peeled = 0; /* of texels */
     while (*at) {
         Type *t = r.type;
         if (*at == '[') {
             bool ok;
             if (t->kind == T_ARRAY || t->kind == T_VECTOR) {
-                ok = step_index(p, &r, t->n, t->elem, counts(t->elem), &at, name, why);
+                ok = step_index(p, &r, stars, t->n, t->elem, counts(t->elem), &at, name, why);
             } else if (t->kind == T_MATRIX) {
-                ok = step_index(p, &r, t->n, type_row(t), (Counts){t->columns, 0}, &at, name, why);
+                ok = step_index(p, &r, stars, t->n, type_row(t), (Counts){t->columns, 0}, &at, name, why);
             } else if (param_is_image(q)) {
-                /* texels: [row][column][channel] in one flat vector; each index peels one dimension */
-                uint32_t inner = r.fcount == q->fcount                                     ? q->tex_w * q->tex_c
-                                 : r.fcount == q->tex_w * q->tex_c && r.fcount != q->tex_c ? q->tex_c
-                                                                                           : 1;
-                uint32_t n = r.fcount / (inner ? inner : 1);
-                if (r.fcount <= 1) return fail(p, why, arena_printf(a, "`%s`: too many indices", name));
-                ok = step_index(p, &r, n, q->type, (Counts){inner, 0}, &at, name, why);
+                /* texels in one flat vector; each index peels one dimension */
+                if (peeled == dims) return fail(p, why, arena_printf(a, "`%s`: too many indices", name));
+                uint32_t n = size[peeled++];
+                ok = step_index(p, &r, stars, n, q->type, (Counts){r.fcount / n, 0}, &at, name, why);
             } else {
                 return fail(p, why, arena_printf(a, "`%s`: %s cannot be indexed", name, t->name));
             }
@@ -156,3 +191,23 @@ bool program_find(const Program *p, const char *name, ParamRef *out, const char 
     *out = r;
     return true;
 }
+
+bool program_find(const Program *p, const char *name, ParamRef *out, const char **why) {
+    return find(p, name, out, NULL, why);
+}
+
+bool program_find_pattern(const Program *p, const char *name, ParamPattern *out, const char **why) {
+    out->nstars = 0;
+    return find(p, name, &out->at, out, why);
+}
+
+static void mark(const ParamPattern *pattern, uint32_t star, uint32_t base, uint8_t *floats) {
+    if (star == pattern->nstars) {
+        memset(floats + base, 1, pattern->at.fcount);
+        return;
+    }
+    for (uint32_t i = 0; i < pattern->count[star]; i++)
+        mark(pattern, star + 1, base + i * pattern->stride[star], floats);
+}
+
+void program_mark(const ParamPattern *pattern, uint8_t *floats) { mark(pattern, 0, pattern->at.fbase, floats); }

@@ -77,12 +77,14 @@ static Inst *compute(Boxes *x, Builder *b, const Inst *v, const Inst *at) {
 /* May a comparison behind this one have the same boundary, and move it by other parameters? NULL: none can. */
 static Inst *has_rival(Boxes *x, Builder *b, const Inst *cond) {
     const Inst *own = NULL, *with = NULL, *d = compared(x, cond, &own);
+    if (d && walk_is_indexed(own, DEEP)) return NULL;
     Inst *any = NULL, *r = d ? x->value[own->id].is.lo : NULL;
     double unit = SAME * (b->fn->precision == PREC_F64 ? DBL_EPSILON : (double)FLT_EPSILON);
     uint32_t n = 0, mark = x->undo.len;
     for (const Inst *i = d ? x->rival[cond->id] : NULL; i && n < MOST_RIVALS; i = x->rival[i->id], n++) {
         compared(x, i, &with);
-        if (with == own || (ir_is_const(with) && ir_is_const(own)) || !is_early(x, with, cond, DEEP)) continue;
+        if (with == own || (ir_is_const(with) && ir_is_const(own)) || walk_is_indexed(with, DEEP)) continue;
+        if (!is_early(x, with, cond, DEEP)) continue;
         Inst *q = compute(x, b, with, cond), *apart = ir_emit1(b, OP_fabs, ir_emit2(b, OP_fsub, r, q));
         Inst *same = not_above(b, apart, ir_emit2(b, OP_fmul, ir_emit1(b, OP_fabs, r), ir_constf(b, unit)));
         any = any ? bounds_op2(b, OP_bor, any, same) : same;

@@ -38,14 +38,15 @@ typedef struct SltFitView {
 } SltFitView;
 #define SLT_FIT_VIEW_INIT ((SltFitView){.struct_size = sizeof(SltFitView)})
 
-/* A number for a parameter or component ("discs[3].centre"). */
+/* A number for a parameter or component ("discs[3].centre"), or in rates for many ("discs[*].centre"). */
 typedef struct SltFitNumber {
     const char *name; /* NULL in `rates`: for all parameters */
     double value;
 } SltFitNumber;
 
 /* Factors of a parameter's learning rate, one for each cell of its grid: 0 holds the cell, 1 moves it, between is
- * slower. The grid of a texture or heightfield is its width and height; of any other parameter the rows and columns of
+ * slower. The grid of a texture or heightfield is its width and height (of a
+ * texture3D its slices below each other); of any other parameter the rows and columns of
  * its elements. */
 typedef struct SltFitMask {
     const char *name; /* of the parameter */
@@ -85,6 +86,8 @@ typedef enum SltFitMetric {
     SLT_FIT_L1,   /* |d| */
     SLT_FIT_HUBER /* d^2 / 2 up to |d| = delta, from there on delta (|d| - delta / 2) */
 } SltFitMetric;
+
+typedef enum SltFitSchedule { SLT_FIT_CONSTANT, SLT_FIT_EXPONENTIAL, SLT_FIT_COSINE } SltFitSchedule;
 
 typedef struct SltFitOptions {
     size_t struct_size;
@@ -133,6 +136,12 @@ typedef struct SltFitOptions {
     /* A function `float NAME(floatC image, floatC target)` of the program, C its channels: the loss is its mean over
      * pixels, weighed by the masks. It is differentiated as it is between its jumps. NULL: the metric is the loss. */
     const char *loss_entry;
+    /* How the learning rates change: of first-order optimisers. SLT_FIT_EXPONENTIAL: times `decay` an iteration;
+     * SLT_FIT_COSINE: half a cosine, from the rate to 0 over all iterations. */
+    SltFitSchedule schedule;
+    uint32_t views_per_step; /* so many views an iteration, chosen by the seed, none twice; 0: all. The loss is then the
+                                mean over the views seen so far of the last loss of each. First-order optimisers only */
+    double decay;            /* above 0, at most 1 */
 } SltFitOptions;
 #define SLT_FIT_OPTIONS_INIT ((SltFitOptions){.struct_size = sizeof(SltFitOptions), .iterations = 200, .every = 10})
 
@@ -179,6 +188,9 @@ SltStatus slt_fit_begin(SltProgram *p, const SltFitOptions *options, SltFit **ou
 /* One evaluation and one step of the optimiser; *stop is SLT_FIT_RUNNING while there is another to do. After the last,
  * or after an error, does nothing and returns SLT_OK. */
 SltStatus slt_fit_step(SltFit *fit, SltFitStop *stop, SltError *err);
+/* Between steps: the image of a view, at the parameters of the next evaluation, or with `best` at the best so far. Of
+ * the view's size and channels; job NULL: that of the fit, and of any other floats and ints do not count. */
+SltStatus slt_fit_image(SltFit *fit, uint32_t view, bool best, const SltJob *job, float *image, SltError *err);
 /* Saves the checkpoint, gives the program the best parameters found, and frees the fit (NULL: does nothing). SLT_USAGE:
  * the program is in use; the fit is still there. */
 SltStatus slt_fit_end(SltFit *fit, SltFitResult *result, SltError *err);

@@ -137,7 +137,8 @@ enum { SLT_MAX_RANK = 8 };
 
 /* A parameter, or a part of one: an array of shape[rank] of numbers or structs, row by row, in the vector of floats
  * from fbase on and in that of integers from ibase on. float3 has the shape [3], Disc[200] [200], float2x2[5] [5, 2,
- * 2], a heightfield [rows, columns], a texture [rows, columns] or [rows, columns, channels], a float none (rank 0). */
+ * 2], a heightfield [rows, columns], a texture [rows, columns] or [rows, columns, channels], a texture3D these behind
+ * [slices], a float none (rank 0). */
 typedef struct SltParam {
     size_t struct_size;
     const char *name;                      /* from slt_param_find: the string that the caller passed */
@@ -156,6 +157,7 @@ typedef struct SltParam {
     bool has_extent;           /* of a heightfield: [Extent] was given */
     double extent[4];          /* x0, y0, x1, y1 of [Extent] */
     double height_scale, height_offset; /* of a heightfield: height = scale * raw + offset ([Height]); else 1 and 0 */
+    uint32_t tex_d;                     /* slices of a texture3D, else 0 */
 } SltParam;
 #define SLT_PARAM_INIT ((SltParam){.struct_size = sizeof(SltParam)})
 uint32_t slt_param_count(const SltProgram *p);
@@ -182,7 +184,8 @@ SltStatus slt_set_text(SltProgram *p, const char *name, const char *value, SltEr
 char *slt_params_json(const SltProgram *p);
 SltStatus slt_set_params_json(SltProgram *p, const char *text, const char *shown_name, SltError *err);
 
-/* ---- which parameters or components are differentiated: those named, or with n = 0 all that are differentiable. */
+/* ---- which parameters or components are differentiated: those named, "discs[*].centre" of every element, or with n =
+ * 0 all that are differentiable. */
 SltStatus slt_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError *err);
 const uint8_t *slt_wrt_mask(const SltProgram *p); /* [slt_float_count]: 1 where a gradient is wanted */
 

@@ -14,7 +14,8 @@ typedef enum RngPurpose {
     RNG_BOX,      /* shift of the scanlines of a box */
     RNG_SEGMENT,  /* position and direction of a random segment */
     RNG_COINCIDE, /* where the parameters are moved to tell coinciding boundaries apart */
-    RNG_POINT     /* stream of a given point, and number 0 of that stream */
+    RNG_POINT,    /* stream of a given point, and number 0 of that stream */
+    RNG_VIEW      /* choice of a view in a step of a fit */
 } RngPurpose;
 
 /* Four words for draw `counter` of `purpose`; `lane` tells independent repetitions (halves, replicates, axes) apart. */

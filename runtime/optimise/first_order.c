@@ -69,7 +69,8 @@ void adam_direction(Optimiser *o) {
         square[i] = c->beta2 * square[i] + (1 - c->beta2) * g * g;
     }
     adam_denominators(o, square, second);
-    for (size_t i = 0; i < c->n; i++) o->step[i] = -o->config.learning_rate[i] * (moment[i] / first) / o->work[i];
+    for (size_t i = 0; i < c->n; i++)
+        o->step[i] = -o->rate_factor * o->config.learning_rate[i] * (moment[i] / first) / o->work[i];
     smooth_grids(o, o->step, 1);
 }
 
@@ -80,7 +81,7 @@ void sgd_direction(Optimiser *o) {
     smooth_grids(o, o->work, 2);
     for (size_t i = 0; i < c->n; i++) {
         velocity[i] = c->momentum * velocity[i] + o->work[i];
-        o->step[i] = -o->config.learning_rate[i] * velocity[i];
+        o->step[i] = -o->rate_factor * o->config.learning_rate[i] * velocity[i];
     }
 }
 

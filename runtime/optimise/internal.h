@@ -55,7 +55,8 @@ struct Optimiser {
     double *s, *y;    /* of a method with pairs: [history][n] steps, and differences of gradients */
     /* Scratch of one call. fresh: the gradient of this evaluation. */
     double *fresh, *work, *grid_scratch, *alpha;
-    uint8_t *is_free; /* L-BFGS, [n]: not held at a bound */
+    uint8_t *is_free;   /* L-BFGS, [n]: not held at a bound */
+    double rate_factor; /* optimise_set_rate */
     /* Fixed. */
     double *lo, *hi;
     Laplacian **solvers; /* one per grid, NULL where lambda is 0; equal grids share one */

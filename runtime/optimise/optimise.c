@@ -137,6 +137,7 @@ const double *optimise_best(const Optimiser *o, double *loss) {
     return o->best;
 }
 
+void optimise_set_rate(Optimiser *o, double factor) { o->rate_factor = factor; }
 long optimise_evaluations(const Optimiser *o) { return (long)o->now.evaluations; }
 long optimise_rejected(const Optimiser *o) { return (long)o->now.rejected; }
 const char *optimise_reason(const Optimiser *o) { return o->now.reason; }
@@ -277,7 +278,7 @@ Optimiser *optimise_create(const OptimiseConfig *config, SltError *err) {
     fill_defaults(&c);
     if (check_config(&c, err) != SLT_OK) return NULL;
     Optimiser *o = calloc(1, sizeof *o);
-    if (o) o->config = c, o->method = &optimise_methods[c.method];
+    if (o) o->config = c, o->method = &optimise_methods[c.method], o->rate_factor = 1;
     if (!o || !own_arrays(o, config) || !make_block(o)) {
         optimise_free(o);
         status_fail(err, SLT_LIMIT, "out of memory for an optimiser of %zu parameters", c.n);

@@ -102,6 +102,10 @@ const double *optimise_parameters(const Optimiser *o);
  * After anything but OPTIMISE_EVALUATE further calls change nothing and return the same. */
 OptimiseState optimise_step(Optimiser *o, double loss, const double *gradient);
 
+/* Of a first-order method: a factor of all learning rates from the next step on; 1 at first. Not part of a checkpoint:
+ * the caller says it before every step. */
+void optimise_set_rate(Optimiser *o, double factor);
+
 /* The best parameters evaluated so far and, if `loss` is not NULL, their loss (infinity before the
  * first finite one). */
 const double *optimise_best(const Optimiser *o, double *loss);

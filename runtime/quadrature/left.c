@@ -7,6 +7,7 @@
 #include "runtime/quadrature/sweep.h"
 #include "runtime/sample/depth.h"
 #include "runtime/sample/near.h"
+#include "runtime/sample/thin.h"
 
 enum {
     SIDE_MAX = 34, /* vertices along a line: LEFT_LINES and the two ends */
@@ -15,7 +16,8 @@ enum {
 
 typedef struct Net {
     uint32_t dim, n[3], side[3]; /* n: lines across each axis; side: vertices along each axis */
-    uint64_t stride[3];
+    bool thin;                   /* runs that are shorter than the spacing are collected */
+    uint64_t stride[3], runs;    /* as of Line */
     double pos[3][SIDE_MAX];
 } Net;
 
@@ -35,6 +37,7 @@ static void net_init(Net *t, const SweepWorker *v, const Box *b, uint32_t n, int
     uint64_t stride = 1;
     uint32_t more = GAP_LINES * n < SIDE_MAX - 2 ? GAP_LINES * n : SIDE_MAX - 2;
     int gap = sweep_gap(v->sweep, b); /* lines run across it alone */
+    t->thin = gap < 0 && v->w->sink.misses && !v->w->finder.proves;
     for (uint32_t d = 0; d < 3; d++) {
         t->n[d] = gap < 0 ? n : gap == (int)d ? 0 : more;
         t->side[d] = d < t->dim ? t->n[d] + 2 : 1, t->stride[d] = stride, t->pos[d][0] = 0;
@@ -78,6 +81,15 @@ static void scan(SweepWorker *v, const Net *t, uint32_t axis, uint64_t first, do
     /* A line in one dimension is exact, but for what it stepped over. */
     bool sized = v->sweep->errors;
     uint8_t set = (uint8_t)(seg->cls | (sized && t->dim > 1 ? 4 : 0)), missed = sized ? 2 | 4 : 0;
+    Line line = {.pos = t->pos[axis],
+                 .first = first,
+                 .stride = stride,
+                 .n = t->side[axis],
+                 .to = t->side[axis] - 1,
+                 .at_start = true,
+                 .at_end = true,
+                 .threshold = threshold,
+                 .runs = t->runs};
     for (uint32_t e = 0; e + 1 < t->side[axis]; e++) {
         uint64_t a = first + e * stride, b = a + stride;
         w->finder.segments++;
@@ -92,20 +104,13 @@ static void scan(SweepWorker *v, const Net *t, uint32_t axis, uint64_t first, do
         uint32_t pair = e & ~1u;
         bool seen = w->finder.proves || pair + 2 >= t->side[axis] ||
                     w->hash[first + pair * stride] != w->hash[first + (pair + 2) * stride];
-        seg->cls = set | (seen ? 0 : missed);
+        seg->cls = set | (seen ? 0 : missed), v->unseen += differ && !seen;
         seg->a[axis] = t->pos[axis][e], seg->b[axis] = t->pos[axis][e + 1];
+        seg->thin = t->thin && differ ? thin_edge(w, &line, e, axis) : 0;
         finder_add(&w->finder, seg, worker_mark(w, a), worker_mark(w, b), own);
     }
     if (!scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_NEAR_SITE)) return;
-    seg->cls = set | missed;
-    Line line = {.pos = t->pos[axis],
-                 .first = first,
-                 .stride = stride,
-                 .n = t->side[axis],
-                 .to = t->side[axis] - 1,
-                 .at_start = true,
-                 .at_end = true,
-                 .threshold = threshold};
+    seg->cls = set | missed, seg->thin = 0;
     near_probe(w, &line, seg);
 }
 
@@ -188,11 +193,11 @@ bool left_lines(SweepWorker *v, const LeftCell *c, uint32_t n, int set) {
     Net t;
     bool solid = v->sweep->errors && v->w->batch.s->dim == 3, ok = true;
     for (int own = 0; own < 2 && ok && solid && set < 0; own++) {
-        net_init(&t, v, &c->box, n, own);
+        net_init(&t, v, &c->box, n, own), t.runs = (2 * v->owner + (uint64_t)own) * net_size(&t);
         ok = lines(v, &t, &c->box, 0.5 * c->stands, own);
     }
     if (solid && set < 0) return ok;
-    net_init(&t, v, &c->box, n, solid ? set : -1);
+    net_init(&t, v, &c->box, n, solid ? set : -1), t.runs = 2 * v->owner * net_size(&t);
     return lines(v, &t, &c->box, c->stands, set);
 }
 

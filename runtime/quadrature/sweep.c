@@ -354,6 +354,7 @@ SltStatus sweep_begin(Sweep *p) {
         v->w->finder.coarse = run_is_coarse(r);
         Sink *k = &v->w->sink;
         k->adjoint = p->adjoint, k->sizes = p->kind == SWEEP_REVERSE && p->errors, k->dirs = p->dirs;
+        k->misses = p->errors && (p->kind == SWEEP_INTEGRAL || p->kind == SWEEP_REVERSE) && !p->marches;
         if (!kept_init(&v->kept, s) || (rows && !accum_folds(&v->w->acc))) return no_memory(p);
         if (!(v->cells = cells_new(&v->w->batch, s->lo, s->hi))) return no_memory(p);
     }
@@ -454,6 +455,7 @@ SltStatus sweep_run(Sweep *p) {
     Run *r = p->run;
     sums_clear(&p->sums);
     p->counts = (CellCounts){0}, p->left_bound = p->loss = 0, p->nleft = p->nbeside = 0, p->mixed = false, p->lines = 2;
+    p->differ = p->unseen = 0;
     p->short_of_volume = p->unnamed = p->sampled = false, p->volume_sampled = 0;
     memset(p->f, 0, sizeof p->f), memset(p->f_error, 0, sizeof p->f_error),
         memset(p->f_variance, 0, sizeof p->f_variance), memset(p->f_hidden, 0, sizeof p->f_hidden);

@@ -85,6 +85,8 @@ typedef struct Sweep {
     double volume;                 /* of the domain */
     double volume_sampled;         /* measure of cells whose volume is only sampled */
     uint32_t lines;                /* across a cell that is left, along each axis */
+    uint64_t differ, unseen;       /* of segments in such cells: whose ends differ, and that lines with half as many
+                                      vertices would not have seen */
     uint64_t first_chunk;          /* of the part of the list that is worked off */
     Apart *apart;                  /* for boundaries that coincide there; NULL: not looked for */
     bool marches;                  /* in cells that are left curves are followed from side to side: march.c */
@@ -119,14 +121,15 @@ struct SweepWorker {
     double volume_sampled;         /* measure of cells of the tile whose volume is only sampled */
     double jump[SLT_MAX_CHANNELS]; /* as in Sweep; of this worker's tiles */
     bool unnamed;
-    uint64_t differ;        /* segments of lines whose ends differ, so far */
-    const LeftCell *within; /* the cell that the tile is; NULL: no such one */
-    uint8_t owner;          /* which cell of its chunk lines go through: Segment.owner */
-    struct Hidden *hidden;  /* hidden.c: room for a chunk; NULL until it is needed */
-    struct March *march;    /* march.c, likewise */
-    Splat splat;            /* SWEEP_RENDER, SWEEP_FORWARD: planes of the interior; SWEEP_LOSS: pixels of the tile */
-    Kept kept;              /* SWEEP_LOSS */
-    bool failed;            /* memory ran out */
+    uint64_t differ, unseen;   /* segments of lines, so far, as in Sweep; */
+    uint64_t differ0, unseen0; /* and before the chunk in hand */
+    const LeftCell *within;    /* the cell that the tile is; NULL: no such one */
+    uint8_t owner;             /* which cell of its chunk lines go through: Segment.owner */
+    struct Hidden *hidden;     /* hidden.c: room for a chunk; NULL until it is needed */
+    struct March *march;       /* march.c, likewise */
+    Splat splat;               /* SWEEP_RENDER, SWEEP_FORWARD: planes of the interior; SWEEP_LOSS: pixels of the tile */
+    Kept kept;                 /* SWEEP_LOSS */
+    bool failed;               /* memory ran out */
 };
 /* What bounds say that a cell which is left can hide of the value: measure times the largest range of a channel. */
 double sweep_hidden(const Sweep *p, const LeftCell *l);

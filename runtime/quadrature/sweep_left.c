@@ -1,9 +1,11 @@
 /* What is left over: its list, worked off in chunks, and how much each of its cells gets. */
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "runtime/quadrature/sweep.h"
 #include "runtime/sample/near.h"
+#include "runtime/sample/thin.h"
 
 enum {
     LEFT_LINES = 32, /* most lines across a cell */
@@ -11,6 +13,7 @@ enum {
     CROSSING_COST = 6
 };
 #define LEFT_PAYS 0.125
+#define UNSEEN 0.1
 #define LEFT_ASKS 0x1p-6 /* of what cells have cost: for what those that are left may hide, whatever there is to spare */
 
 double sweep_hidden(const Sweep *p, const LeftCell *l) {
@@ -35,9 +38,12 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     uint64_t from = (p->first_chunk + chunk) * LEFT_CHUNK,
              to = from + LEFT_CHUNK < p->nleft ? from + LEFT_CHUNK : p->nleft;
     Box hull = p->left[from].box;
+    v->differ0 = v->differ, v->unseen0 = v->unseen;
     bool seen[LEFT_CHUNK] = {false}, lost[LEFT_CHUNK] = {false};
+    double sides[LEFT_CHUNK][3] = {{0}};
     for (uint64_t i = from; i < to; i++)
         for (uint32_t d = 0; d < p->run->s->dim; d++) {
+            sides[i - from][d] = p->left[i].box.end[d] - p->left[i].box.lo[d];
             hull.lo[d] = fmin(hull.lo[d], p->left[i].box.lo[d]);
             hull.end[d] = fmax(hull.end[d], p->left[i].box.end[d]);
         }
@@ -58,6 +64,7 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     }
     near_flush(v->w);
     finder_run(&v->w->finder, true);
+    if (v->w->sink.misses) thin_flush_cells(v->w, sides, p->lines);
     v->w->finder.lost = NULL, v->w->sink.coincide.apart = NULL;
     if (p->marches && !left_curves(v, &p->left[from], (uint32_t)(to - from), false)) return false;
     if (p->errors && p->options.curves && !left_hidden(v, &p->left[from], (uint32_t)(to - from), seen, lost))
@@ -71,6 +78,7 @@ static void left_merge(void *user, uint32_t worker, uint64_t chunk) {
     SweepWorker *v = &p->worker[worker];
     (void)chunk;
     p->left_bound += v->left_bound;
+    p->differ += v->differ - v->differ0, p->unseen += v->unseen - v->unseen0;
     SumMode mode = p->marches && !p->sampled ? SUM_CURVES : p->run->s->dim == 1 ? SUM_LINE : SUM_SETS;
     sweep_merge_sums(p, v, p->errors ? mode : SUM_ONE, left_divisor(v));
 }
@@ -132,6 +140,16 @@ static void plan_cells(Sweep *p, uint64_t from, double used, double spare, doubl
     }
 }
 
+/* Where so many of the crossings would be missed by lines with half as many vertices, that many may be missed by these,
+ * too: fewer cells with more lines each, which stand for the others, tell more. Not after few crossings. */
+static bool refine_lines(Sweep *p) {
+    enum { FEW = 256 };
+    bool coarse = p->sampled && p->run->s->dim == 2 && p->differ > FEW && p->unseen > UNSEEN * p->differ;
+    if (coarse) p->lines = 2 * p->lines < LEFT_LINES ? 2 * p->lines : LEFT_LINES;
+    p->differ = p->unseen = 0;
+    return coarse;
+}
+
 static bool make_apart(Sweep *p) {
     const SltScene *s = p->run->s;
     double longest = 0;
@@ -142,6 +160,42 @@ static bool make_apart(Sweep *p) {
     return apart_new(s, p->run->j->seed, step, &p->apart);
 }
 
+/* Cells are left as large as a tile where its evaluations ran out, and each gets as many lines: halves of those that
+ * are larger than a cell is on average, of as many as can be paid for, until none is. False when memory runs out. */
+static bool cut_large(Sweep *p, double cells) {
+    uint32_t dim = p->run->s->dim;
+    double left = 0;
+    uint64_t n = 0, room = p->nleft;
+    for (uint64_t i = 0; i < p->nleft; i++) left += sweep_measure(&p->left[i].box, dim);
+    double lattice = fmax(p->segments / dim, p->samples) / p->volume;
+    double most = fmax(left / fmax(cells, LEFT_LEAST), pow(2, dim) / lattice);
+    for (uint64_t i = 0; i < p->nleft; i++) room += (uint64_t)(2 * sweep_measure(&p->left[i].box, dim) / most);
+    if (room == p->nleft) return true;
+    LeftCell *list = malloc(room * sizeof *list);
+    if (!list) return false;
+    for (uint64_t i = 0; i < p->nleft; i++) {
+        uint64_t first = n;
+        list[n++] = p->left[i];
+        for (uint64_t at = first; at < n;) {
+            Box *b = &list[at].box;
+            uint32_t longest = 0;
+            for (uint32_t d = 1; d < dim; d++)
+                if (b->end[d] - b->lo[d] > b->end[longest] - b->lo[longest]) longest = d;
+            double middle = 0.5 * (b->lo[longest] + b->end[longest]);
+            if (!p->run->s->f64) middle = (float)middle;
+            if (!(sweep_measure(b, dim) > most) || n == room || !(b->lo[longest] < middle && middle < b->hi[longest])) {
+                at++;
+                continue;
+            }
+            list[n] = list[at], list[n].box.lo[longest] = middle, n++;
+            b->hi[longest] = b->end[longest] = middle;
+        }
+    }
+    free(p->left);
+    p->left = list, p->nleft = n, p->left_cap = room;
+    return true;
+}
+
 /* In parts of the list, after each of which what its cells have cost tells how many of those that follow can be paid
  * for: of crossings in a cell there may be one or hundreds, and one that is tied costs as much as ten. The last parts
  * are small, so that little is spent beyond the budget. */
@@ -149,11 +203,13 @@ SltStatus sweep_work_off_left(Sweep *p, uint64_t start) {
     static const double upto[] = {0x1p-8, 0x1p-6, 0x1p-4, 0.25, 0.5, 0.75, 0.875, 0.9375, 0.96875, 1};
     enum { PARTS = sizeof upto / sizeof *upto };
     Run *r = p->run;
-    uint64_t chunks = (p->nleft + LEFT_CHUNK - 1) / LEFT_CHUNK, began = r->stats.evaluations, worked = 0;
-    double cost = p->marches ? MARCH_COST : LEFT_COST;
+    uint64_t began = r->stats.evaluations, used = began - start, worked = 0;
+    double cost = p->marches ? MARCH_COST : LEFT_COST, spare = p->budget > used ? (double)(p->budget - used) : 0;
     SltStatus st = SLT_OK;
-    uint64_t used = began - start;
-    plan_lines(p, (double)used, p->budget > used ? (double)(p->budget - used) : 0);
+    bool cuts = p->budget && !p->marches && r->s->dim == 2;
+    if (cuts && !cut_large(p, spare / cost)) return status_fail(r->err, SLT_LIMIT, "out of memory");
+    uint64_t chunks = (p->nleft + LEFT_CHUNK - 1) / LEFT_CHUNK;
+    plan_lines(p, (double)used, spare);
     if (p->options.curves && !p->marches && !make_apart(p)) return status_fail(r->err, SLT_LIMIT, "out of memory");
     p->first_chunk = 0;
     for (uint32_t k = p->marches || !p->budget ? PARTS - 1 : 0; k < PARTS && st == SLT_OK; k++) {
@@ -164,6 +220,7 @@ SltStatus sweep_work_off_left(Sweep *p, uint64_t start) {
         st = run_tiles(r, to - from, left_work, left_merge, p);
         for (uint64_t i = from * LEFT_CHUNK; i < to * LEFT_CHUNK && i < p->nleft; i++) worked += p->left[i].stands > 0;
         if (worked) cost = fmax(1, (double)(r->stats.evaluations - began) / (double)worked);
+        if (refine_lines(p)) cost *= 4, worked = 0, began = r->stats.evaluations;
         p->first_chunk = to;
     }
     apart_free(p->apart), p->apart = NULL;

@@ -28,8 +28,8 @@ void coincide_free(Coincide *q) { untie_free(q->untie), free(q->part), free(q->h
 bool coincide_begin(Run *r, double step) { return r->apart || apart_new(r->s, r->j->seed, step, &r->apart); }
 
 void coincide_end(Run *r) {
-    apart_free(r->apart);
-    r->apart = NULL;
+    apart_free(r->apart), free(r->tied);
+    r->apart = NULL, r->tied = NULL, r->tied_known = false;
 }
 
 /* ---- suspects */
@@ -66,7 +66,8 @@ static uint32_t find_suspects(const Sink *k, const Crossing *c, const uint64_t *
         const Crossing *x = &c[(uint32_t)order[i]];
         bool skips = s->site_skips && s->site_skips[x->event.site],   /* other iterations may decide for moved ones, */
             ray = s->site_kind[x->event.site] >= SLT_SITE_SILHOUETTE; /* another edge be the one that a ray passes */
-        if (keep[i] && !skips && !ray && !is_alone(s, x)) list[suspects++] = i;
+        bool tied = k->coincide.tied && k->coincide.tied[x->event.site];
+        if (keep[i] && !skips && !ray && (tied || !is_alone(s, x))) list[suspects++] = i;
     }
     return suspects;
 }

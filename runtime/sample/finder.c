@@ -28,8 +28,8 @@ bool finder_init(Finder *f, Batch *b) {
 }
 
 void finder_free(Finder *f) {
-    free(f->alike), free(f->stack), free(f->sorted), free(f->keys), free(f->split), free(f->still), free(f->found),
-        free(f->items), free(f->order);
+    free(f->alike), free(f->silent), free(f->stack), free(f->sorted), free(f->keys), free(f->split), free(f->still),
+        free(f->found), free(f->items), free(f->order);
     memset(f, 0, sizeof *f);
 }
 
@@ -161,9 +161,8 @@ void search_push(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark
 /* Room for n more crossings. `full` runs kernels in the same batch, so this is never called while outputs of a kernel
  * are still to be read. */
 static void found_reserve(Finder *f, uint32_t n) {
-    if (f->nfound + n <= BATCH) return;
-    f->full(f->full_user, f->found, f->nfound);
-    f->nfound = 0;
+    if (f->nfound + n > BATCH) f->full(f->full_user, f->found, f->nfound), f->nfound = 0;
+    if (f->nsilent + n > BATCH) f->silent_full(f->full_user, f->silent, f->nsilent), f->nsilent = 0;
 }
 
 /* ---- bisection on the region */
@@ -374,6 +373,11 @@ void search_bracket(const Item *it, double *lo, double *hi) {
     }
 }
 
+static bool has_silent(Finder *f) {
+    if (!f->silent && !(f->silent = malloc(BATCH * sizeof *f->silent))) f->failed = true;
+    return f->silent;
+}
+
 /* The crossing's place in `found`, or UINT32_MAX. */
 static uint32_t accept(Finder *f, const Item *it, double lo, double hi, Mark before, Mark after, uint32_t lane) {
     uint32_t channels = f->s->channels;
@@ -391,7 +395,8 @@ static uint32_t accept(Finder *f, const Item *it, double lo, double hi, Mark bef
         finder_drop_part(f, SLT_DROP_NOT_FINITE, &it->s, it->event.site);
         return UINT32_MAX;
     }
-    if (!jumps) return UINT32_MAX;
+    bool tied = f->tied && f->tied[it->event.site];
+    if (!jumps && !(tied && has_silent(f))) return UINT32_MAX;
     c.t = it->x1;
     double slack = 0; /* by how much rounding of g widens the bracket, in parts of the segment */
     if (it->exact && it->s.tb - it->s.ta <= it->tol) {
@@ -415,6 +420,12 @@ static uint32_t accept(Finder *f, const Item *it, double lo, double hi, Mark bef
     c.owner = it->s.owner;
     c.event = it->event;
     c.ha = before.hash, c.hb = after.hash, c.edge = it->s.edge, c.thin = it->s.thin, c.line = it->s.line;
+    if (!jumps) {
+        assert(f->nsilent < BATCH);
+        c.silent = true;
+        f->silent[f->nsilent++] = c;
+        return UINT32_MAX;
+    }
     assert(f->nfound < BATCH);
     f->found[f->nfound] = c;
     return f->nfound++;
@@ -526,4 +537,5 @@ void finder_run(Finder *f, bool all) {
         run_stack(f, all);
     } while (all && (f->n || f->nalike) && !f->failed);
     if (all && f->nfound) f->full(f->full_user, f->found, f->nfound), f->nfound = 0;
+    if (all && f->nsilent) f->silent_full(f->full_user, f->silent, f->nsilent), f->nsilent = 0;
 }

@@ -464,3 +464,23 @@ void sink_take(void *sink, Crossing *c, uint32_t n) {
     if (k->coincide.nparts) put_parts(k);
     put_kinks(k);
 }
+
+void sink_take_silent(void *sink, Crossing *c, uint32_t n) {
+    Sink *k = sink;
+    Finder *f = k->f;
+    Finder before = *f; /* what cannot be weighed is no loss, for it would weigh nothing */
+    bool keep[BATCH];
+    if (k->kind == SINK_KEEP) return;
+    if (k->clip) n = clip(k, c, n);
+    f->lost = NULL;
+    group(k, c, n);
+    for (uint32_t from = 0, to; from < n; from = to) {
+        to = group_end(k, c, from, n);
+        sink_weigh(k, c, k->order + from, to - from, keep + from);
+    }
+    memcpy(f->dropped, before.dropped, sizeof f->dropped);
+    memcpy(f->dropped_at, before.dropped_at, sizeof f->dropped_at);
+    f->lost = before.lost, f->kept = before.kept, f->gone = before.gone;
+    coincide_settle(k, c, k->order, keep, n);
+    if (k->coincide.nparts) put_parts(k);
+}

@@ -6,7 +6,11 @@
 #include "runtime/sample/thin.h"
 
 #define MOST 0x1p15 /* that one run stands for: roots are not known better than that */
-enum { SHIFTS = 16 };
+enum {
+    SHIFTS = 16,
+    LOOKS = 4, /* places between a run's vertex and each of its ends */
+    RUNS = BATCH / (2 * LOOKS)
+};
 
 /* May the near-miss probe see a run? */
 typedef enum Probe {
@@ -60,7 +64,8 @@ uint32_t thin_edge(const Worker *w, const Line *l, uint32_t v, uint32_t axis) {
         bool run = counts(w, l, v + end);
         if (!run && !may_be_run(w, l, v + end)) continue;
         uint32_t probe = run ? probe_of(w, l, v + end) : UNLIKE;
-        return THIN_FIRST + 2 * (uint32_t)((vertex(l, v + end) * AXES + axis) * PROBES + probe) + (end ? 0 : 1);
+        return THIN_FIRST + 2 * (uint32_t)(((l->runs + vertex(l, v + end)) * AXES + axis) * PROBES + probe) +
+               (end ? 0 : 1);
     }
     return 0;
 }
@@ -117,46 +122,128 @@ static bool returns(const Worker *w, const Crossing *a, const Crossing *b) {
     return event_same(&a->event, &b->event) && change <= SAME * jump;
 }
 
+/* Where lines are: of a tile of the lattice, or of cells. */
+typedef struct Net {
+    const uint64_t *stride;  /* of vertices by axis; NULL: of cells, */
+    const double (*side)[3]; /* whose sides by owner and axis are these, */
+    uint32_t lines;          /* with so many vertices each between the two at its ends */
+} Net;
+
+/* A run that a vertex holds, between the crossings c and c + 1. */
+typedef struct Vertex {
+    uint64_t c;
+    double length;
+} Vertex;
+
+static Probe probe_of_run(const Crossing *a) { return (Probe)((a->thin - THIN_FIRST) / 2 % PROBES); }
+
 /* How many runs like this one, between crossings a and b, were missed for each that was found. */
-static double stands_for(const Worker *w, const Crossing *a, const Crossing *b, const uint64_t stride[3]) {
-    uint64_t code = (a->thin - THIN_FIRST) / 2, run = code / PROBES / AXES;
-    double h = 0, length = b->x[a->axis] - a->x[a->axis], chance;
+static double stands_in_tile(const Worker *w, const Crossing *a, const Crossing *b, double length,
+                             const uint64_t stride[3]) {
+    uint64_t run = (a->thin - THIN_FIRST) / 2 / PROBES / AXES;
+    double h = 0, chance;
     for (uint32_t d = 0; d < w->batch.s->dim; d++) h += fabs(a->direction[d]);
-    if (!(length < h) || code % PROBES == PROBE_SURE) return 0;
+    if (!(length < h) || probe_of_run(a) == PROBE_SURE) return 0;
     chance = length / h;
-    if (code % PROBES == UNLIKE) return returns(w, a, b) ? 2 * (fmin(1 / chance, MOST) - 1) : 0;
-    if (code % PROBES == PROBE_TRY) /* t of a crossing is where it lies on its edge, from the vertex before it. */
+    if ((int)probe_of_run(a) == UNLIKE) return returns(w, a, b) ? 2 * (fmin(1 / chance, MOST) - 1) : 0;
+    if (probe_of_run(a) == PROBE_TRY) /* t of a crossing is where it lies on its edge, from the vertex before it. */
         chance += (1 - chance) * finds(w, run, stride[a->axis], a->t * h, length, (1 - b->t) * h, h);
     return fmin(1 / chance, MOST) - 1;
 }
 
+/* In a cell a run holds each of the vertices with the same chance, wherever that lies, and those at its two ends count
+ * once: they belong to the next cells as well. */
+static double stands_in_cell(const Worker *w, const Crossing *a, const Crossing *b, double length, const Net *t) {
+    double chance = length / t->side[a->owner][a->axis], n = t->lines;
+    bool unlike = (int)probe_of_run(a) == UNLIKE;
+    if (!(chance > 0) || (!unlike && probe_of_run(a) != PROBE_BLIND)) return 0;
+    if (unlike && !returns(w, a, b)) return 0;
+    return fmin(fmax(0, 1 / chance - (n + 1)) / (unlike ? 0.5 * n : n), MOST);
+}
+
+/* The finder knows a root on each side of the vertex, and others may lie between: where lines are wider apart than what
+ * is repeated, and vertices say only whether they lie in it. A few places up to each root tell how long the run is. Not
+ * between unlike neighbours, where edges that show nowhere are not among the crossings. */
+static void shorten(Worker *w, const Crossing *c, Vertex *run, uint32_t n) {
+    Batch *b = &w->batch;
+    uint32_t lane = 0;
+    if (w->depth) return;
+    for (uint32_t i = 0; i < n; i++)
+        for (int end = 0; end < 2; end++) {
+            const Crossing *x = &c[run[i].c + (uint64_t)end];
+            for (int k = 0; k < LOOKS; k++, lane++) {
+                double t = (k + 0.5) / LOOKS, at[3];
+                for (int d = 0; d < 3; d++) at[d] = x->x[d] + (end ? -x->t : 1 - x->t) * (1 - t) * x->direction[d];
+                batch_set_x(b, lane, at);
+                batch_set_stream(b, lane, x->stream, x->rand0);
+            }
+        }
+    batch_call(b, SLT_K_REGION, lane);
+    lane = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        double length = 0;
+        for (int end = 0; end < 2; end++, lane += LOOKS) {
+            const Crossing *x = &c[run[i].c + (uint64_t)end];
+            double to = fabs(end ? x->t : 1 - x->t) * fabs(x->direction[x->axis]);
+            int k = 0;
+            while (k < LOOKS && batch_mark(b, lane + (uint32_t)k).hash == (end ? x->ha : x->hb)) k++;
+            length += to * fmax(k, 0.5) / LOOKS;
+        }
+        if ((int)probe_of_run(&c[run[i].c]) != UNLIKE) run[i].length = fmin(run[i].length, length);
+    }
+}
+
+/* What runs stand for goes to the front; returns how many crossings that are. */
+static uint64_t put_runs(Worker *w, Crossing *c, uint64_t kept, Vertex *run, uint32_t n, const Net *t) {
+    if (n) shorten(w, c, run, n);
+    for (uint32_t i = 0; i < n; i++) {
+        const Crossing *a = &c[run[i].c];
+        double more = t->stride ? stands_in_tile(w, a, a + 1, run[i].length, t->stride)
+                                : stands_in_cell(w, a, a + 1, run[i].length, t);
+        for (uint64_t k = run[i].c; k < run[i].c + 2 && more > 0; k++) {
+            Crossing x = c[k];
+            x.weight *= more;
+            c[kept++] = x;
+        }
+    }
+    return kept;
+}
+
 /* The pairs among n crossings in order, weighed by what they stand for, and those that were found by following, go to
  * the front; returns how many. */
-static uint64_t pair(const Worker *w, Crossing *c, uint64_t n, const uint64_t stride[3]) {
+static uint64_t pair(Worker *w, Crossing *c, uint64_t n, const Net *t) {
+    Vertex run[RUNS];
     uint64_t kept = 0;
+    uint32_t runs = 0;
     for (uint64_t i = 0; i < n; i++) {
-        if (c[i].thin == THIN_FOUND) {
+        if (c[i].thin == THIN_FOUND) { /* before all others */
             c[kept] = c[i], c[kept++].weight *= -1;
             continue;
         }
         /* The last crossing before the vertex, the first behind it. */
         if (i + 1 == n || c[i].thin & 1 || c[i + 1].thin != c[i].thin + 1) continue;
-        double more = stands_for(w, &c[i], &c[i + 1], stride);
-        for (uint64_t k = i; k < i + 2 && more > 0; k++) {
-            Crossing x = c[k];
-            x.weight *= more;
-            c[kept++] = x;
-        }
+        run[runs++] = (Vertex){i, c[i + 1].x[c[i].axis] - c[i].x[c[i].axis]};
+        if (runs == RUNS) kept = put_runs(w, c, kept, run, runs, t), runs = 0;
         i++;
     }
-    return kept;
+    return put_runs(w, c, kept, run, runs, t);
 }
 
-void thin_flush(Worker *w, const uint64_t stride[3]) {
+static void flush(Worker *w, const Net *t) {
     Sink *k = &w->sink;
     if (!k->nthin) return;
     qsort(k->thin, k->nthin, sizeof *k->thin, by_run);
-    uint64_t n = pair(w, k->thin, k->nthin, stride);
-    for (uint64_t i = 0; i < n; i += BATCH) sink_put_missed(k, k->thin + i, (uint32_t)fmin(BATCH, (double)(n - i)));
+    uint64_t n = pair(w, k->thin, k->nthin, t);
+    for (uint64_t i = 0; i < n; i += BATCH) {
+        uint32_t some = (uint32_t)fmin(BATCH, (double)(n - i));
+        if (t->stride) sink_put_missed(k, k->thin + i, some);
+        else sink_put_weighed(k, k->thin + i, some);
+    }
     k->nthin = 0;
+}
+
+void thin_flush(Worker *w, const uint64_t stride[3]) { flush(w, &(Net){.stride = stride}); }
+
+void thin_flush_cells(Worker *w, const double (*side)[3], uint32_t lines) {
+    flush(w, &(Net){.side = side, .lines = lines});
 }

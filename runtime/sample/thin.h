@@ -19,5 +19,8 @@ uint32_t thin_edge(const Worker *w, const Line *l, uint32_t v, uint32_t axis);
 /* Puts what the crossings collected so far stand for into the sums of what is missed, and forgets them. stride: of
  * vertices, by axis. */
 void thin_flush(Worker *w, const uint64_t stride[3]);
+/* The same of lines through cells, each with its own `lines` vertices an axis between its two ends, which no run is
+ * told by: what they stand for goes to the sums that they are in. side: of cell Crossing.owner along each axis. */
+void thin_flush_cells(Worker *w, const double (*side)[3], uint32_t lines);
 
 #endif

@@ -289,11 +289,16 @@ static void write_layout(FILE *out) {
     MEMBER(SltParam, extent);
     MEMBER(SltParam, height_scale);
     MEMBER(SltParam, height_offset);
+    MEMBER(SltParam, tex_d);
     END(SltParam);
     ENUM(SltFitMetric);
     VALUE(SLT_FIT_L2);
     VALUE(SLT_FIT_L1);
     VALUE(SLT_FIT_HUBER);
+    ENUM(SltFitSchedule);
+    VALUE(SLT_FIT_CONSTANT);
+    VALUE(SLT_FIT_EXPONENTIAL);
+    VALUE(SLT_FIT_COSINE);
     STRUCT(SltFitView);
     MEMBER(SltFitView, struct_size);
     MEMBER(SltFitView, target);
@@ -367,6 +372,9 @@ static void write_layout(FILE *out) {
     MEMBER(SltFitOptions, metric);
     MEMBER(SltFitOptions, huber_delta);
     MEMBER(SltFitOptions, loss_entry);
+    MEMBER(SltFitOptions, schedule);
+    MEMBER(SltFitOptions, views_per_step);
+    MEMBER(SltFitOptions, decay);
     END(SltFitOptions);
     ENUM(SltFitStop);
     VALUE(SLT_FIT_RUNNING);

@@ -50,6 +50,22 @@ class Left(Case):
         j = self.ask("shader float main(float2 x) { float2 d = x - float2(a, b); [Disc] if (d.x * d.y > 0.0) return 1.0 + c; return 0.0; }")
         self.holds(j, {"a": 1.23 * 0.22, "b": -1.23 * 0.26}, 1e-7)
 
+    def test_many_primitives(self):
+        """Thousands of discs or boxes, of which evaluations leave nearly all: tiles are left as they are, and lines as far
+        apart as the primitives are wide, or much farther, miss most of them. What they meet by chance stands for these."""
+        repeat = "shader float main(float2 x) { [%s] float2 q = frac(x * %g) - 0.5; "
+        discs = repeat + "[Disc] if (length(q) < %g * r) return 1.0; return 0.0; }"
+        boxes = repeat + "float2 d = abs(q) - r; [Disc] if (length(max(d, 0.0)) + min(max(d.x, d.y), 0.0) < 0.0) return 1.0; return 0.0; }"
+        loops = ("shader float main(float2 x) { float f = 0.0; for (int i = 0; i < 60; i++) for (int j = 0; j < 60; j++) "
+                 "{ [Disc] if (length(60.0 * x - float2(i, j) - 0.5) < r) f = 1.0; } return f; }")
+        cases = (("0.3", discs % ("Disc", 1000, 1), 0.6 * math.pi), ("0.03", discs % ("Disc", 200, 1), 0.06 * math.pi),
+                 ("0.3", discs % ("NoDisc", 200, 1), 0.6 * math.pi), ("0.3", boxes % ("Disc", 128), 2.4), ("0.3", loops, 0.6 * math.pi))
+        for radius, source, want in cases:
+            with self.subTest(source=source):
+                j = self.ask("param float r = %s; " % radius + source)
+                self.assertLess(abs(j["gradient"]["r"] - want), 2 * j["stderr"]["r"])
+                self.assertLess(j["stderr"]["r"], 1.5 * want)
+
     def test_a_solid_that_is_not_finished(self):
         """A ball without two boxes, of which evaluations leave thousands of cells over: few are looked at, and what
         belongs to a face that none of them has is stated all the same. Known from points on the faces of each."""

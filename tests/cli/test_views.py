@@ -82,6 +82,51 @@ class Views(Case):
         self.scene["views"][0]["target"] = {"shader": "../out.salt"}
         self.fit("--sandbox", code=4)
 
+    def chunks(self, name):
+        data, found, at = self.get(name), [], 8
+        while at < len(data):
+            n, = struct.unpack(">I", data[at:at + 4])
+            self.assertEqual(zlib.crc32(data[at + 4:at + 8 + n]), struct.unpack(">I", data[at + 8 + n:at + 12 + n])[0])
+            found.append((data[at + 4:at + 8].decode(), data[at + 8:at + 8 + n]))
+            at += 12 + n
+        return found
+
+    def size(self, name):
+        return struct.unpack(">II", self.chunks(name)[0][1][:8])
+
+    def test_pictures(self):
+        """The folder shows every view; the frames are those of the animation, in it and as files."""
+        self.scene["views"].append(dict(self.scene["views"][1], params={"gain": 0.5}))
+        self.scene.update(output="out", frames=5, size=[16, 12])
+        j = self.fit("--iters", 12)
+        files = sorted(os.listdir(self.path("s/out")))
+        for name in ("image", "image_1", "image_2"):
+            self.assertIn(name + ".exr", files)
+            self.assertEqual(self.size("s/out/%s.png" % name), (16, 12))
+        self.assertNotIn("image_3.exr", files)
+        self.assertEqual(self.size("s/out/strip.png"), (7 * 20 - 4, 3 * 16 - 4))
+        frames = sorted(os.listdir(self.path("s/out/frames")))
+        self.assertEqual(frames, ["%04d.png" % k for k in range(4)])  # iterations 0, 5, 10, and the best
+        chunks = self.chunks("s/out/fit.png")
+        self.assertEqual(chunks[0][1][:8], struct.pack(">II", 2 * 20 - 4, 2 * 16 - 4))
+        self.assertEqual([n for n, _ in chunks if n != "IDAT"], ["IHDR", "acTL"] + ["fcTL"] + ["fcTL", "fdAT"] * 3 + ["IEND"])
+        self.assertEqual(dict(chunks)["acTL"], struct.pack(">II", 4, 0))
+        data = [b"".join(d for n, d in self.chunks("s/out/frames/" + name) if n == "IDAT") for name in frames]
+        self.assertEqual([d for n, d in chunks if n == "IDAT"] + [d[4:] for n, d in chunks if n == "fdAT"], data)
+        self.assertEqual([struct.unpack(">I", d[:4])[0] for n, d in chunks if n in ("fcTL", "fdAT")], list(range(7)))
+        # Looking changes nothing.
+        del self.scene["frames"], self.scene["output"]
+        self.assertEqual(self.fit("--iters", 12), j)
+        self.fit("--frames", 3, code=2)
+        self.fit("--frames", 1, "--iters", 100000, "-o", "s/out", code=2)
+
+    def test_volume(self):
+        self.put("s/a.salt", "param float r = 0.35;\nshader float main(float3 x) { float f = 0.1; [Disc] if (length(x - 0.5) < r) f = 1.0; return f; }")
+        self.put("s/truth.salt", "shader float main(float3 x) { return length(x - 0.5) < 0.25 ? 1.0 : 0.1; }")
+        self.scene = {"shader": "a.salt", "size": [12, 10, 8], "spp": 8, "target": {"shader": "truth.salt"}, "optimizer": {"iters": 30}, "output": "out"}
+        self.assertAlmostEqual(self.fit()["params"]["r"], 0.25, delta=0.01)
+        self.assertEqual(self.size("s/out/image.png"), (4 * 16 - 4, 10))
+
     def test_loss_entry(self):
         self.scene["loss"] = {"entry": "soft"}
         j = self.fit()
@@ -93,6 +138,46 @@ class Views(Case):
         self.fit("--resume", "c.bin", code=4)
         self.fit("--loss-entry", "soft", "--loss", "l1", code=2)
         self.assertIn("float hard(float image, float target)", self.fit("--loss-entry", "hard", code=2).err)
+
+    def test_optimizer(self):
+        """Schedules, betas, some views an iteration and rates by pattern are the same in a scene and on the command line."""
+        plain = self.fit("--iters", 9)
+        for key, value, args in (("schedule", "cosine", ["--schedule", "cosine"]), ("schedule", {"exponential": 0.9}, ["--schedule", "exponential=0.9"]),
+                                 ("betas", [0.5, 0.9], ["--betas", "0.5,0.9"]), ("views_per_step", 1, ["--views-per-step", 1])):
+            given = self.fit("--iters", 9, *args)
+            self.assertNotEqual(given["losses"], plain["losses"], key)
+            self.scene["optimizer"][key] = value
+            self.assertEqual(self.fit("--iters", 9), given, key)
+            del self.scene["optimizer"][key]
+            for bad in (-1, "high", [0.5], {}):
+                self.scene["optimizer"][key] = bad
+                self.fit(code=4)
+            del self.scene["optimizer"][key]
+        self.scene["optimizer"]["schedule"] = "constant"
+        self.assertEqual(self.fit("--iters", 9), plain)
+        for args in (["--schedule", "slow"], ["--schedule", "exponential=2"], ["--betas", "0.9"], ["--betas", "1,0.9"], ["--views-per-step", 3]):
+            self.fit(*args, code=2)
+
+    def test_patterns(self):
+        self.put("s/a.salt", "struct Spot { float2 at; float ink; };\nparam Spot spots[2] = {{float2(0.3), 0.5}, {float2(0.6), 0.8}};\n"
+                 "shader float main(float2 x) { float f = 0.1; for (int i = 0; i < 2; i++) { [Disc] if (length(x - spots[i].at) < 0.2) f = spots[i].ink; } return f; }")
+        self.scene = {"shader": "a.salt", "size": [16, 16], "target": {"shader": "truth.salt", "entry": "from_top"}, "optimizer": {"iters": 5}}
+        spots = [[f32(0.3), f32(0.3), f32(0.5)], [f32(0.6), f32(0.6), f32(0.8)]]
+
+        def moved(j):
+            return [[f32(v) != b for v, b in zip(s["at"] + [s["ink"]], before)] for s, before in zip(j["params"]["spots"], spots)]
+        self.scene["params"] = {"spots[*].at": {"lr": 0}}
+        self.assertEqual(moved(self.fit()), [[False, False, True]] * 2)
+        self.scene["params"] = {"spots[*].at": {"lr": 0.1, "grad": True}}
+        self.assertEqual(moved(self.fit()), [[True, True, False]] * 2)
+        self.scene["params"] = {}
+        self.assertEqual(moved(self.fit("--lr", "0.1,spots[*].at=0,spots[0].at.x=0.1")), [[True, False, True], [False, False, True]])
+        self.assertEqual(moved(self.fit("--wrt", "spots[*].ink")), [[False, False, True]] * 2)
+        self.scene["params"] = {"spots[*].at": {"value": 0.5}}
+        self.fit(code=4)
+        self.scene["params"] = {"spots[*].on": {"lr": 0.5}}
+        self.assertIn("no field `on`", self.fit(code=2).err)
+        self.run_cli("grad", "s/a.salt", "--integral", "--wrt", "spots[*].ink", code=2)
 
 
 if __name__ == "__main__":

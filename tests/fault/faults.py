@@ -54,7 +54,7 @@ CASES = {
 }
 SYSTEM_ONLY = ("build-o",)  # its memory is build-h's, and what compiling takes has `--calls`
 MEMORY = re.compile("memory", re.I)
-CAUSES = re.compile("memory|Too many open files|Input/output error|No space left|Permission denied|Resource temporarily unavailable|Operation not permitted|could not be", re.I)
+CAUSES = re.compile("memory|Too many open files|Input/output error|No space left|Permission denied|Resource temporarily unavailable|Operation not permitted|could not be|system refuses", re.I)
 
 
 def write_npy(path):
@@ -166,7 +166,7 @@ def complaints(result, base, kinds, place):
         if not re.search("seconds|_ms|, [0-9.]+ s", base[1]) and out != base[1]:
             found.append("status 0 with another text")
     # a command that ends where it is leaves that to the system
-    leaks = set() if err.endswith("saltus: out of memory\n") else kept(log) - kept(base[3])
+    leaks = set() if err.endswith(("saltus: out of memory\n", '"message":"out of memory","status":6}\n')) else kept(log) - kept(base[3])
     if leaks:
         found.append("keeps " + "\n      ".join(sorted(leaks)[:3]))
     return found

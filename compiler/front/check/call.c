@@ -203,6 +203,7 @@ static Type *fixed_type(Checker *c, char letter) {
     case 'w': return type_vector(c->s, T_UINT, 2);
     case 'W': return type_vector(c->s, T_UINT, 3);
     case 'x': return type_vector(c->s, T_INT, 2);
+    case 'y': return type_vector(c->s, T_INT, 3);
     default: return NULL;
     }
 }

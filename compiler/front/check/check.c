@@ -206,9 +206,10 @@ static void fill_language(Checker *c) {
     Session *s = c->s;
     c->t_error = type_scalar(T_ERROR), c->t_void = type_scalar(T_VOID), c->t_bool = type_scalar(T_BOOL),
     c->t_int = type_scalar(T_INT);
-    c->t_uint = type_scalar(T_UINT), c->t_float = type_scalar(T_FLOAT), c->t_texture = type_scalar(T_TEXTURE);
-    Type *types[32] = {c->t_void, c->t_bool, c->t_int, c->t_uint, c->t_float, c->t_texture};
-    uint32_t n = 6;
+    c->t_uint = type_scalar(T_UINT), c->t_float = type_scalar(T_FLOAT);
+    Type *types[32] = {c->t_void, c->t_bool, c->t_int, c->t_uint, c->t_float};
+    uint32_t n = 5;
+    types[n++] = type_scalar(T_TEXTURE), types[n++] = type_scalar(T_TEXTURE3D);
     for (int k = 0; k < SLT_GEOMETRIES; k++) types[n++] = type_geometry((SltGeometryKind)k);
     for (uint32_t w = 2; w <= 4; w++) {
         for (TypeKind k = T_BOOL; k <= T_FLOAT; k++) types[n++] = type_vector(s, k, w);
@@ -226,10 +227,13 @@ static void fill_language(Checker *c) {
     c->name_infinity = intern(s, "INFINITY", 8);
     c->name_epsilon = intern(s, "EPSILON", 7);
     Type *f2 = type_vector(s, T_FLOAT, 2), *f3 = type_vector(s, T_FLOAT, 3);
-    Field hit[] = {
-        {"hit", c->t_bool, SPAN_NONE}, {"t", c->t_float, SPAN_NONE}, {"p", f2, SPAN_NONE}, {"normal", f3, SPAN_NONE}};
-    Field silhouette[] = {
-        {"found", c->t_bool, SPAN_NONE}, {"t", c->t_float, SPAN_NONE}, {"slope", c->t_float, SPAN_NONE}};
+    Field hit[] = {{"hit", c->t_bool, SPAN_NONE, NULL},
+                   {"t", c->t_float, SPAN_NONE, NULL},
+                   {"p", f2, SPAN_NONE, NULL},
+                   {"normal", f3, SPAN_NONE, NULL}};
+    Field silhouette[] = {{"found", c->t_bool, SPAN_NONE, NULL},
+                          {"t", c->t_float, SPAN_NONE, NULL},
+                          {"slope", c->t_float, SPAN_NONE, NULL}};
     c->t_hit = predeclared_struct(c, "Hit", hit, 4);
     c->t_silhouette = predeclared_struct(c, "Silhouette", silhouette, 3);
 }

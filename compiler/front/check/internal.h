@@ -98,7 +98,7 @@ typedef struct Checker {
     NameMap builtin_types; /* -> Type */
     NameMap builtin_funcs; /* -> (void *)(uintptr_t)Builtin */
     const char *name_len, *name_pi, *name_tau, *name_infinity, *name_epsilon;
-    Type *t_error, *t_void, *t_bool, *t_int, *t_uint, *t_float, *t_texture, *t_hit, *t_silhouette;
+    Type *t_error, *t_void, *t_bool, *t_int, *t_uint, *t_float, *t_hit, *t_silhouette;
     Decl poison; /* what a name stands for after its error was reported */
     Vec(CullLoop) culls;
 } Checker;
@@ -170,6 +170,7 @@ int64_t const_wrap(TypeKind k, int64_t v); /* to the 32 bits of int or uint */
 /* param.c */
 void check_const_decl(Checker *c, Symbol *sym, ModuleScope *scope);
 void check_param_decl(Checker *c, Symbol *sym, ModuleScope *scope);
+void check_field_attrs(Checker *c, ParamAttrs *a, const Type *t, Span at); /* of a field of type t */
 
 /* stmt.c */
 void check_body(Checker *c, Func *f);

@@ -79,7 +79,8 @@ static Type *resolve_struct(Checker *c, StructDecl *d, Span use) {
             map_put(c->arena, &seen, f->name, f);
         }
         ok &= ft->kind != T_ERROR;
-        t->fields[t->nfields++] = (Field){f->name, ft, f->span};
+        t->fields[t->nfields++] = (Field){f->name, ft, f->span, f->attrs};
+        if (f->attrs && ft->kind != T_ERROR) check_field_attrs(c, f->attrs, ft, f->span);
         if (ft->kind != T_ERROR) total += type_components(ft);
     }
     /* The bound also keeps type_components cheap: structs that double each other would take exponential time. */
@@ -205,8 +206,7 @@ Type *unify(Checker *c, Type *a, Type *b) {
 }
 
 bool is_texture_result(const Expr *e) {
-    return e->kind == E_METHOD && (e->method == M_SAMPLE || e->method == M_NEAREST || e->method == M_LOAD) && e->type &&
-           e->type->kind == T_VECTOR;
+    return e->kind == E_METHOD && methods[e->method].signature[0] == '4' && e->type && e->type->kind == T_VECTOR;
 }
 
 int conversion_cost(Expr *e, const Type *to, unsigned flags) {

@@ -125,6 +125,7 @@ static uint32_t number_scalars(Slots *s, const Type *t, uint32_t leaf, uint32_t 
     case T_ERROR:
     case T_VOID:
     case T_TEXTURE:
+    case T_TEXTURE3D:
     case T_GEOMETRY: break;
     }
     return 0;

@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-enum { ON_PARAM = 1, ON_FUNC = 2, ON_SHADER = 4, ON_STMT = 8 };
+enum { ON_PARAM = 1, ON_FUNC = 2, ON_SHADER = 4, ON_STMT = 8, ON_FIELD = 16 };
 enum { ARGS_NONE, ARGS_VALUES, ARGS_STRING, ARGS_NAME };
 
 typedef struct AttrRow {
@@ -34,10 +34,10 @@ typedef enum AttrId {
 
 static const AttrRow table[A_COUNT] = {
     [A_NODIFF] = {"NoDiff", ON_PARAM, ARGS_NONE, 0, "[NoDiff]"},
-    [A_RANGE] = {"Range", ON_PARAM, ARGS_VALUES, 2, "[Range(lo, hi)]"},
+    [A_RANGE] = {"Range", ON_PARAM | ON_FIELD, ARGS_VALUES, 2, "[Range(lo, hi)]"},
     [A_DOC] = {"Doc", ON_PARAM, ARGS_STRING, 1, "[Doc(\"text\")]"},
     [A_COLOR] = {"Color", ON_PARAM, ARGS_NONE, 0, "[Color]"},
-    [A_LOG] = {"Log", ON_PARAM, ARGS_NONE, 0, "[Log]"},
+    [A_LOG] = {"Log", ON_PARAM | ON_FIELD, ARGS_NONE, 0, "[Log]"},
     [A_EXTENT] = {"Extent", ON_PARAM, ARGS_VALUES, 4, "[Extent(x0, y0, x1, y1)]"},
     [A_HEIGHT] = {"Height", ON_PARAM, ARGS_VALUES, 2, "[Height(scale, offset)]"},
     [A_TANGENT] = {"Tangent", ON_FUNC, ARGS_NAME, 1, "[Tangent(function)]"},
@@ -131,12 +131,11 @@ void attrs_none(Parser *p, const AttrVec *attrs, const char *what) {
     for (uint32_t i = 0; i < attrs->len; i++) understand(p, &attrs->data[i], 0, what, &seen);
 }
 
-void attrs_to_param(Parser *p, const AttrVec *attrs, Symbol *sym) {
+void attrs_to_param(Parser *p, const AttrVec *attrs, ParamAttrs *out, bool field) {
     uint32_t seen = 0;
-    ParamAttrs *out = &sym->attrs;
     for (uint32_t i = 0; i < attrs->len; i++) {
         const Attr *a = &attrs->data[i];
-        switch (understand(p, a, ON_PARAM, "a parameter", &seen)) {
+        switch (understand(p, a, field ? ON_FIELD : ON_PARAM, field ? "a field" : "a parameter", &seen)) {
         case A_NODIFF: out->nodiff = true, out->nodiff_span = a->span; break;
         case A_COLOR: out->color = true, out->color_span = a->span; break;
         case A_LOG: out->log = true, out->log_span = a->span; break;

@@ -138,9 +138,15 @@ static void struct_declaration(Parser *p) {
     Span open = p->tok.span;
     if (!d->name || !parse_expect(p, TOK_LBRACE, "`{`")) return;
     while (!parse_at(p, TOK_RBRACE) && !parse_at(p, TOK_EOF) && !p->panic) {
+        AttrVec marks;
+        ParamAttrs *attrs = NULL;
+        if (parse_attributes(p, &marks)) {
+            attrs = ARENA_NEW(&p->s->session, ParamAttrs);
+            attrs_to_param(p, &marks, attrs, true);
+        }
         TypeRef *base = parse_type(p, "the type of a field or `}`");
         while (base) {
-            FieldDecl f = {0};
+            FieldDecl f = {.attrs = attrs};
             f.name = parse_name(p, "the name of a field", &f.span);
             if (!f.name) break;
             f.type_ref = parse_declarator_dims(p, base);
@@ -197,7 +203,7 @@ static void typedef_declaration(Parser *p) {
 
 /* ---- values at file scope ---- */
 
-/* = init(f), = "file", = zeros(w, h[, c]), or an expression or list. */
+/* = init(f), = "file", = zeros(w, h[, d][, c]), or an expression or list. */
 static void param_value(Parser *p, Symbol *sym) {
     const Token t = p->tok;
     sym->value_span = t.span;
@@ -225,7 +231,7 @@ static void param_value(Parser *p, Symbol *sym) {
         sym->zeros_args = parse_arguments(p, open, false, &sym->nzeros_args);
         sym->zeros = true;
         sym->value_span = parse_span_from(p, t.span);
-        if (!p->panic && (sym->nzeros_args < 2 || sym->nzeros_args > 3)) {
+        if (!p->panic && (sym->nzeros_args < 2 || sym->nzeros_args > 4)) {
             parse_complain(p, DIAG_syntax, sym->value_span,
                            "`zeros` is written `zeros(width, height)` or `zeros(width, height, channels)`");
             sym->zeros = false;
@@ -246,7 +252,7 @@ static void values(Parser *p, SymbolKind kind, const TypeRef *base, const AttrVe
         sym->name = parse_name(p, kind == SYM_PARAM ? "the name of a parameter" : "the name of a constant", &sym->span);
         if (!sym->name) return;
         sym->type_ref = parse_declarator_dims(p, base);
-        if (kind == SYM_PARAM) attrs_to_param(p, attrs, sym);
+        if (kind == SYM_PARAM) attrs_to_param(p, attrs, &sym->attrs, false);
         if (parse_at(p, TOK_ASSIGN) && p->tok.op == OPR_NONE && !p->panic) {
             parse_advance(p);
             if (kind == SYM_PARAM) {

@@ -102,7 +102,7 @@ int parse_precedence(const Token *t); /* of a binary operator, 1 the loosest; 0:
 
 /* attr.c */
 bool parse_attributes(Parser *p, AttrVec *out); /* [A, B(x)] [C] …; false when there are none */
-void attrs_to_param(Parser *p, const AttrVec *attrs, Symbol *sym);
+void attrs_to_param(Parser *p, const AttrVec *attrs, ParamAttrs *out, bool field); /* or of a field of a struct */
 void attrs_to_func(Parser *p, const AttrVec *attrs, Func *f);
 void attrs_to_stmt(Parser *p, const AttrVec *attrs, StmtAttrs *out);
 void attrs_none(Parser *p, const AttrVec *attrs, const char *what);
