@@ -51,6 +51,7 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     if (!sweep_begin_splat(v, &hull)) return false;
     v->w->finder.lost = lost;
     v->w->sink.coincide.apart = p->apart, v->w->sink.coincide.no_kinks = true;
+    v->w->finder.ties = p->apart != NULL;
     for (uint64_t i = from; i < to && pool_stop_reason(&p->run->pool) == SLT_OK; i++) {
         const LeftCell *l = &p->left[i];
         v->left_bound += sweep_hidden(p, l);
@@ -65,7 +66,7 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     near_flush(v->w);
     finder_run(&v->w->finder, true);
     if (v->w->sink.misses) thin_flush_cells(v->w, sides, p->lines);
-    v->w->finder.lost = NULL, v->w->sink.coincide.apart = NULL;
+    v->w->finder.lost = NULL, v->w->sink.coincide.apart = NULL, v->w->finder.ties = false;
     if (p->marches && !left_curves(v, &p->left[from], (uint32_t)(to - from), false)) return false;
     if (p->errors && p->options.curves && !left_hidden(v, &p->left[from], (uint32_t)(to - from), seen, lost))
         return false;

@@ -12,9 +12,10 @@
 #include "runtime/sample/run.h"
 
 enum {
-    ASKED = 8,  /* suspects of a batch, before all are */
-    ALONG = 16, /* `elsewhere` goes aside by the segment's length divided by this */
-    NEWTON = 3  /* and so many steps back to g = 0 */
+    ASKED = 8,       /* suspects of a batch, before all are, */
+    ASKED_QUIET = 4, /* and of those where f is the same on both sides */
+    ALONG = 16,      /* `elsewhere` goes aside by the segment's length divided by this */
+    NEWTON = 3       /* and so many steps back to g = 0 */
 };
 /* Parameters are moved by STEP_BRACKETS times the bracket of roots (in a domain of size 1), but at most by STEP_MOST.
  */
@@ -57,16 +58,42 @@ static bool is_alone(const SltScene *s, const Crossing *c) {
     }
 }
 
+static bool is_suspect(const SltScene *s, const Crossing *c) {
+    bool skips = s->site_skips && s->site_skips[c->event.site],   /* other iterations may decide for moved ones, */
+        ray = s->site_kind[c->event.site] >= SLT_SITE_SILHOUETTE; /* another edge be the one that a ray passes */
+    return !skips && !ray && !is_alone(s, c);
+}
+
+/* Where two boundaries lie in neighbouring floats, g of both is 0 between these, and the kernel names one of them
+ * twice. Does the hash name another comparison alone, outside of loops? */
+static void take_other(const SltScene *s, Crossing *c) {
+    uint32_t differ = c->ha ^ c->hb;
+    for (uint32_t site = 0; site < s->nsites; site++)
+        if (s->site_kind[site] == SLT_SITE_COMPARE && mix(0x9e3779b9u, site + 1) == differ) {
+            c->event = (Event){.site = (int32_t)site};
+            return;
+        }
+}
+
+uint32_t coincide_sift(const Sink *k, Crossing *c, uint32_t n) {
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        bool suspect = k->coincide.apart && is_suspect(k->b->s, &c[i]);
+        if (c[i].quiet && !suspect) continue;
+        if (suspect && !c[i].quiet) take_other(k->b->s, &c[i]);
+        if (kept != i) c[kept] = c[i];
+        kept++;
+    }
+    return kept;
+}
+
 /* Those of order[0 .. n) that are kept and may be not alone; how many. */
 static uint32_t find_suspects(const Sink *k, const Crossing *c, const uint64_t *order, const bool *keep, uint32_t n,
-                              uint32_t *list) {
-    const SltScene *s = k->b->s;
+                              bool quiet, uint32_t *list) {
     uint32_t suspects = 0;
     for (uint32_t i = 0; i < n; i++) {
         const Crossing *x = &c[(uint32_t)order[i]];
-        bool skips = s->site_skips && s->site_skips[x->event.site],   /* other iterations may decide for moved ones, */
-            ray = s->site_kind[x->event.site] >= SLT_SITE_SILHOUETTE; /* another edge be the one that a ray passes */
-        if (keep[i] && !skips && !ray && !is_alone(s, x)) list[suspects++] = i;
+        if (keep[i] && x->quiet == quiet && is_suspect(k->b->s, x)) list[suspects++] = i;
     }
     return suspects;
 }
@@ -202,8 +229,9 @@ static void untie_some(Sink *k, const Crossing *c, const uint64_t *order, bool *
 }
 
 /* Is any of a few of the suspects tied? */
-static bool any_tied(Sink *k, const Crossing *c, const uint64_t *order, const uint32_t *suspect, uint32_t n) {
-    uint32_t share = (n + ASKED - 1) / ASKED, asked = 0, which[ASKED];
+static bool any_tied(Sink *k, const Crossing *c, const uint64_t *order, const uint32_t *suspect, uint32_t n,
+                     uint32_t most) {
+    uint32_t share = (n + most - 1) / most, asked = 0, which[ASKED];
     Tie tie[ASKED];
     bool any = false;
     for (uint32_t i = 0; i < n; i += share) which[asked++] = (uint32_t)order[suspect[i]];
@@ -214,15 +242,20 @@ static bool any_tied(Sink *k, const Crossing *c, const uint64_t *order, const ui
 
 void coincide_settle(Sink *k, const Crossing *c, const uint64_t *order, bool *keep, uint32_t n) {
     Coincide *q = &k->coincide;
-    uint32_t suspect[BATCH], suspects = q->apart ? find_suspects(k, c, order, keep, n, suspect) : 0;
+    uint32_t suspect[BATCH];
     q->nparts = q->nhalves = 0;
-    if (!suspects) return;
-    if (!q->untie && !(q->untie = untie_new(k->b))) {
-        k->failed = true;
-        return;
+    /* Those whose jumps cancel apart from the others: edges that lie on each other are hidden by the thousand. */
+    for (int quiet = 0; quiet < 2 && q->apart; quiet++) {
+        uint32_t suspects = find_suspects(k, c, order, keep, n, quiet, suspect);
+        if (!suspects) continue;
+        if (!q->untie && !(q->untie = untie_new(k->b))) {
+            k->failed = true;
+            return;
+        }
+        if (!any_tied(k, c, order, suspect, suspects, quiet ? ASKED_QUIET : ASKED)) continue;
+        for (uint32_t from = 0; from < suspects; from += UNTIE_MOST)
+            untie_some(k, c, order, keep, suspect + from, suspects - from < UNTIE_MOST ? suspects - from : UNTIE_MOST);
     }
-    if (!any_tied(k, c, order, suspect, suspects)) return;
-    for (uint32_t from = 0; from < suspects; from += UNTIE_MOST)
-        untie_some(k, c, order, keep, suspect + from, suspects - from < UNTIE_MOST ? suspects - from : UNTIE_MOST);
+    for (uint32_t i = 0; i < n; i++) keep[i] &= !c[(uint32_t)order[i]].quiet;
     q->nparts = coincide_weigh(k, q->part, q->nparts), q->nhalves = coincide_weigh(k, q->half, q->nhalves);
 }

@@ -113,11 +113,12 @@ static void drop(Finder *f, SltDrop reason, uint8_t owner, const SltPlace *at) {
 }
 
 void finder_note_size(const Finder *f, Sizes *s, const Crossing *c) {
-    s->n++;
+    s->n += !c->quiet;
     for (uint32_t i = 0; i < f->s->channels; i++) s->sum += fabs(c->jump[i]);
 }
 
 void finder_drop(Finder *f, SltDrop reason, const Crossing *c) {
+    if (c->quiet && reason != SLT_DROP_COINCIDENT) return;
     if (reason != SLT_DROP_COINCIDENT) finder_note_size(f, &f->gone, c);
     SltPlace at = {.known = true, .site = (uint32_t)(c->event.site + 1), .stream = c->stream, .rand0 = c->rand0};
     memcpy(at.x, c->side[0], sizeof at.x), memcpy(at.beyond, c->side[1], sizeof at.beyond);
@@ -391,7 +392,8 @@ static uint32_t accept(Finder *f, const Item *it, double lo, double hi, Mark bef
         finder_drop_part(f, SLT_DROP_NOT_FINITE, &it->s, it->event.site);
         return UINT32_MAX;
     }
-    if (!jumps) return UINT32_MAX;
+    c.quiet = !jumps;
+    if (c.quiet && !(f->ties && before.hash != after.hash && !search_has_depth(f->s))) return UINT32_MAX;
     c.t = it->x1;
     double slack = 0; /* by how much rounding of g widens the bracket, in parts of the segment */
     if (it->exact && it->s.tb - it->s.ta <= it->tol) {

@@ -433,6 +433,7 @@ static void put_doubts(Sink *k, const Crossing *c, const bool *keep, uint32_t n)
 void sink_take(void *sink, Crossing *c, uint32_t n) {
     Sink *k = sink;
     if (k->clip) n = clip(k, c, n);
+    n = coincide_sift(k, c, n);
     if (k->kind == SINK_KEEP) {
         keep_all(k, c, n);
         return;
@@ -444,7 +445,7 @@ void sink_take(void *sink, Crossing *c, uint32_t n) {
         sink_weigh(k, c, k->order + from, to - from, keep + from);
         for (uint32_t i = from; i < to && k->follow; i++) {
             const Crossing *x = &c[(uint32_t)k->order[i]];
-            if (keep[i] && x->edge) follow_note(k->follow, x);
+            if (keep[i] && x->edge && !x->quiet) follow_note(k->follow, x);
         }
     }
     coincide_settle(k, c, k->order, keep, n);
