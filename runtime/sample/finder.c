@@ -114,7 +114,12 @@ static void drop(Finder *f, SltDrop reason, uint8_t owner, const SltPlace *at) {
 
 void finder_note_size(const Finder *f, Sizes *s, const Crossing *c) {
     s->n += !c->quiet;
-    for (uint32_t i = 0; i < f->s->channels; i++) s->sum += fabs(c->jump[i]);
+    for (uint32_t i = 0; i < f->s->channels; i++) s->sum += fabs(c->jump[i]), s->by[i] += fabs(c->jump[i]);
+}
+
+void sizes_add(Sizes *to, const Sizes *s) {
+    to->n += s->n, to->sum += s->sum;
+    for (uint32_t i = 0; i < SLT_MAX_CHANNELS; i++) to->by[i] += s->by[i];
 }
 
 void finder_drop(Finder *f, SltDrop reason, const Crossing *c) {

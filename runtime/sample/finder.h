@@ -73,11 +73,12 @@ typedef struct Crossing {
     double weight, g, dg[3]; /* sink.c: the factor of jump * d_theta g, g at x, and its gradient in x */
 } Crossing;
 
-/* How many crossings, and what f jumps by at them, summed over the channels. */
+/* How many crossings, and what f jumps by at them, summed over the channels and by channel. */
 typedef struct Sizes {
     uint64_t n;
-    double sum;
+    double sum, by[SLT_MAX_CHANNELS];
 } Sizes;
+void sizes_add(Sizes *to, const Sizes *s);
 
 typedef struct Finder Finder;
 struct Finder {

@@ -58,6 +58,18 @@ class Hidden(Case):
                 self.assertLess(abs(j["gradient"]["r"] - truth), 2 * j["stderr"]["r"])
                 self.assertLess(j["stderr"]["r"], truth)
 
+    def test_a_shell_that_no_sample_meets(self):
+        """All samples agree that the value is 0, and lines have met the shell."""
+        truth = 8 * math.pi * 0.09e-6
+        for condition in "abs(length(x - 0.5) - 0.3) < b", "abs(abs(length(x - 0.5) - 0.2) - 0.1) < b":
+            self.put("s.salt", "param float b = 1e-6; shader float main(float3 x) { [Disc] if (%s) return 1.0; return 0.0; }" % condition)
+            for estimator in "auto", "lattice", "quadrature":
+                for precision in "f32", "f64":
+                    with self.subTest(condition=condition, estimator=estimator, precision=precision):
+                        j = self.json_cli("grad", "s.salt", "--integral", "--estimator", estimator, "--precision", precision)
+                        self.assertLess(abs(j["integral"][0] - truth), 2 * j["integral_stderr"][0])
+                        self.assertLess(j["integral_stderr"][0], 1e-3)
+
     def test_jumps_that_cancel(self):
         """Boundaries that lie on each other and whose jumps cancel: f is the same on both sides, and both derivatives exist. In
         a volume rounding parts some of them by a float, where g of both is 0."""
