@@ -170,6 +170,32 @@ static SltStatus check_header(const char *path, SltError *err) {
     return s;
 }
 
+typedef struct Emitted {
+    const Cli *c;
+    SltProgram *p;
+    const char *stem;
+    char kind;
+    SltStatus status;
+    const char *why;
+    unsigned char *code;
+    size_t size;
+} Emitted;
+
+static void emit(Session *s, void *user) {
+    Emitted *e = user;
+    KernelRequest req[K_KINDS];
+    uint32_t n = 0;
+    for (int k = 0; k < K_KINDS; k++)
+        if (e->p->fn[k])
+            req[n++] = (KernelRequest){arena_printf(&s->module, "%s_%s", e->stem, kernel_names[k]), e->p->fn[k]};
+    BackOptions bo = {.target = e->p->target,
+                      .width = e->c->opt.width,
+                      .adj = e->p->scene.flat_adj ? ADJ_FLAT : ADJ_LANES,
+                      .opt_level = 2,
+                      .pixels = api_pixels(e->p)};
+    e->status = (SltStatus)back_emit(s, req, n, &bo, e->kind == 'S' ? 'o' : e->kind, &e->code, &e->size, &e->why);
+}
+
 static int build(Cli *c, SltProgram *p) {
     if (!c->output) return cli_usage(c, "build wants -o out.o, .s, .ll, .so or .h");
     char kind = kind_of(c->output), stem[128];
@@ -199,19 +225,12 @@ static int build(Cli *c, SltProgram *p) {
     size_t size = 0;
     if (kind != 'h') status = check_header(header_path, &err);
     if (kind != 'h' && status == SLT_OK) {
-        KernelRequest req[K_KINDS];
-        uint32_t n = 0;
-        for (int k = 0; k < K_KINDS; k++)
-            if (p->fn[k])
-                req[n++] = (KernelRequest){arena_printf(&p->session->module, "%s_%s", stem, kernel_names[k]), p->fn[k]};
-        BackOptions bo = {.target = p->target,
-                          .width = c->opt.width,
-                          .adj = p->scene.flat_adj ? ADJ_FLAT : ADJ_LANES,
-                          .opt_level = 2,
-                          .pixels = api_pixels(p)};
-        const char *why = NULL;
-        status = (SltStatus)back_emit(p->session, req, n, &bo, kind == 'S' ? 'o' : kind, &code, &size, &why);
-        if (status != SLT_OK) status_fail(&err, status, "%s", why ? why : "the object could not be made");
+        Emitted e = {.c = c, .p = p, .stem = stem, .kind = kind};
+        int unwound = session_protect(p->session, emit, &e);
+        code = e.code, size = e.size;
+        if (unwound) status = status_fail(&err, (SltStatus)unwound, "%s", p->session->unwind_text);
+        else if (e.status != SLT_OK)
+            status = status_fail(&err, e.status, "%s", e.why ? e.why : "the object could not be made");
         else if (kind == 'S') status = cli_link(&code, &size, &err);
     }
     FileGroup outputs;

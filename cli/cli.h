@@ -52,6 +52,8 @@ static const char cli_estimators[] =
 #include "saltus/estimators.def"
     ;
 
+#define CLI_LOSSES "l2|l1|huber" /* by SltFitMetric */
+
 typedef struct Verb {
     const char *name, *usage, *what, *example;
     uint32_t bit; /* 1 << VerbId */
@@ -93,6 +95,9 @@ struct Cli {
     uint32_t every;
     Assign lr[CLI_MAX_LIST], smooth[CLI_MAX_LIST]; /* name NULL: for all parameters */
     uint32_t nlr, nsmooth;
+    const char *loss;       /* of CLI_LOSSES; NULL: the scene's, or l2 */
+    const char *loss_entry; /* a function of the shader */
+    double huber_delta;     /* 0: the default */
     const char *loss_command;
     bool allow_commands; /* of scenes */
     double loss_timeout;

@@ -138,7 +138,7 @@ static SltStatus compile_expr(Cli *c, SltProgram **out) {
                  types[t], c->expr);
         SltProgram *p = NULL;
         status = slt_compile_string(source, "<expr>", &c->opt, &p);
-        bool errs = errs_in_expr(p);
+        bool errs = p && errs_in_expr(p); /* NULL: memory ran out */
         show_expr_alone(p, source, c->expr);
         free(source);
         if (status != SLT_PROGRAM || !errs) {
@@ -357,17 +357,24 @@ int cli_read_image(Cli *c, SltProgram *p, const char *path, bool resize, float *
     SltError err = {0};
     Image im, root, sized, fitted;
     *out = NULL;
-    if (slt_dim(p) == 3) return cli_usage(c, "images of targets and adjoints are for 1D and 2D domains");
     ImageReadOptions read = {.raw = slt_is_display(p)};
-    if (image_read(path, &read, &im, &err) != SLT_OK) return cli_fail(c, &err);
+    bool volume = slt_dim(p) == 3;
+    int depth = 1;
+    if ((volume ? volume_read(path, &read, &im, &depth, &err) : image_read(path, &read, &im, &err)) != SLT_OK)
+        return cli_fail(c, &err);
+    if (volume && (uint32_t)depth != c->job.size[2]) {
+        image_free(&im);
+        return cli_error(SLT_INPUT, "%s has %d slices, but the volume is %ux%ux%u", path, depth, c->job.size[0],
+                         c->job.size[1], c->job.size[2]);
+    }
     /* The root layer of a file with many. */
     SltStatus status = im.channels > 4 ? image_extract_layer(&im, "", &root, &err) : SLT_OK;
     if (im.channels > 4) image_free(&im);
     else root = im;
     if (status != SLT_OK) return cli_fail(c, &err);
-    int w = (int)c->job.size[0], h = (int)c->job.size[1];
+    int w = (int)c->job.size[0], h = (int)c->job.size[1] * depth;
     if (root.width != w || root.height != h) {
-        if (!resize) {
+        if (volume || !resize) {
             cli_error(SLT_INPUT, "%s is %dx%d, but the image is %dx%d; give --size %dx%d", path, root.width,
                       root.height, w, h, root.width, root.height);
             image_free(&root);

@@ -1,36 +1,9 @@
 /* saltus fit: parameters that make the image match its targets, or that minimise the integral. The fit itself is the
- * library's (saltus/fit.h); here are the scene, the images, the pipe to a loss program, and what is written. */
-#include <errno.h>
-#include <math.h>
+ * library's (saltus/fit.h); here are its options and the pipe to a loss program. */
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 #include "cli/fit.h"
-#include "cli/loss.h"
-#include "runtime/base/text.h"
-#include "saltus/fit.h"
-
-enum { FRAMES = 6 };
-
-typedef struct Fit {
-    Cli *c;
-    SltProgram *p;
-    Scene scene;
-    SltFitOptions opt;
-    SltFitView *views;
-    SltFitMask *masks; /* their factors are malloc'd */
-    SltFitNumber *rates, *smooth;
-    LossProgram *loss; /* of --loss-command, while it runs */
-    Progress progress;
-    Image frames[FRAMES]; /* of the first view, spread over the fit; of a folder only */
-    uint32_t nframes;     /* taken so far */
-    double start;
-    SltFitResult result;
-    SltStats stats;
-} Fit;
-
 /* ---- set-up */
 static bool on_command_line(const Cli *c, const char *name) {
     for (uint32_t k = 0; k < c->nparams; k++)
@@ -119,59 +92,6 @@ static int collect_numbers(Fit *f) {
     return SLT_OK;
 }
 
-/* Without --size the first target decides. */
-static SltStatus size_of_target(const Fit *f, uint32_t size[2], SltError *err) {
-    const char *path = f->c->target ? f->c->target : f->scene.nviews ? f->scene.views[0].target_path : NULL;
-    Image im;
-    if (!path) return SLT_OK;
-    SltStatus status = image_read(path, NULL, &im, err);
-    if (status != SLT_OK) return status;
-    size[0] = (uint32_t)im.width, size[1] = (uint32_t)im.height;
-    image_free(&im);
-    return SLT_OK;
-}
-
-static int read_targets(Fit *f) {
-    Cli *c = f->c;
-    int status = SLT_OK;
-    if (c->target && f->scene.nviews) return cli_usage(c, "--target and the scene's views were both given");
-    if (c->minimize && c->loss_command) return cli_usage(c, "--minimize and --loss-command are two losses");
-    if (c->target || (c->loss_command && !f->scene.nviews)) {
-        f->scene.views = cli_need(calloc(1, sizeof *f->scene.views));
-        f->scene.nviews = 1;
-        f->scene.views[0].target_path = (char *)c->target;
-    }
-    if (!f->scene.nviews && !c->minimize)
-        return cli_usage(c, "fit wants --target IMAGE, --minimize, --loss-command PROGRAM, or a scene with views");
-    if (f->scene.nviews && c->minimize) return cli_usage(c, "--minimize has no target");
-    if (c->loss_command && slt_dim(f->p) == 3) return cli_usage(c, "a loss program is for 1D and 2D domains");
-    if (c->minimize || c->loss_command) return SLT_OK;
-    if (!c->size_given) {
-        SltError err = {0};
-        if (size_of_target(f, c->job.size, &err) != SLT_OK) return cli_fail(c, &err);
-        c->job.size[2] = 1;
-    }
-    for (uint32_t v = 0; v < f->scene.nviews; v++) {
-        View *view = &f->scene.views[v];
-        status = cli_read_image(c, f->p, view->target_path, true, &view->target);
-        if (status == SLT_OK && view->mask_path) status = cli_read_image(c, f->p, view->mask_path, true, &view->mask);
-        if (status != SLT_OK) return status;
-    }
-    return SLT_OK;
-}
-
-static int collect_views(Fit *f) {
-    f->views = cli_need(calloc(f->scene.nviews + 1, sizeof *f->views));
-    for (uint32_t v = 0; v < f->scene.nviews; v++) {
-        const View *view = &f->scene.views[v];
-        f->views[v] = SLT_FIT_VIEW_INIT;
-        f->views[v].target = view->target, f->views[v].mask = view->mask;
-        f->views[v].values = view->params, f->views[v].nvalues = view->nparams;
-    }
-    f->opt.views = f->views, f->opt.nviews = f->scene.nviews;
-    return SLT_OK;
-}
-
 /* ---- while it runs */
 static SltStatus ask_program(void *user, const SltFitRequest *request, double *loss, float *adjoint, SltError *err) {
     Fit *f = user;
@@ -188,231 +108,17 @@ static SltStatus ask_program(void *user, const SltFitRequest *request, double *l
     return loss_exchange(f->loss, &q, request->image, loss, adjoint, err);
 }
 
-/* Before the fit: a picture that there is no memory for is no reason to lose hours of work, nor to leave it out. */
-static SltStatus create_frames(Fit *f, SltError *err) {
-    const uint32_t *size = f->c->job.size;
-    SltStatus s = SLT_OK;
-    for (uint32_t k = 0; k < FRAMES - 1 && k < f->c->iters && s == SLT_OK; k++)
-        s = image_create(&f->frames[k], (int)size[0], (int)size[1], (int)slt_channels(f->p), err);
-    return s;
-}
-
-static void keep_frame(Fit *f, const float *image) {
-    Image *im = &f->frames[f->nframes];
-    if (!im->data) return;
-    memcpy(im->data, image, (size_t)im->width * (size_t)im->height * (size_t)im->channels * sizeof(float));
-    f->nframes++;
-}
-
 static bool iterated(void *user, const SltFitIteration *at) {
     Fit *f = user;
     uint32_t iters = f->c->iters;
     if (at->image && f->nframes < FRAMES - 1 &&
         (at->iteration - 1) * (uint64_t)(FRAMES - 1) >= (uint64_t)f->nframes * iters)
-        keep_frame(f, at->image);
+        fit_keep_frame(f, at->image);
     char detail[96];
     snprintf(detail, sizeof detail, "iteration %u of %u, loss %.6g", at->iteration, iters, at->loss);
     progress_update(&f->progress, (double)at->iteration / iters, detail);
     watch_keep();
     return false;
-}
-
-/* ---- outputs */
-static SltStatus join(char *out, size_t size, const char *dir, const char *name, SltError *err) {
-    if (snprintf(out, size, "%s/%s", dir, name) >= (int)size)
-        return status_fail(err, SLT_OUTPUT, "%s/%s: the path is too long", dir, name);
-    return SLT_OK;
-}
-
-/* A height map as a person reads one: its relief under a sun in the north west, tinted by height. */
-static SltStatus write_relief(const char *path, const SltParam *q, const Image *h, SltError *err) {
-    int w = h->width, n = h->height;
-    double wide = q->has_extent ? q->extent[2] - q->extent[0] : 1,
-           high = q->has_extent ? q->extent[3] - q->extent[1] : 1;
-    double scale = q->height_scale, lo = INFINITY, hi = -INFINITY;
-    uint8_t *rgb = malloc((size_t)w * (size_t)n * 3);
-    if (!rgb) return status_fail(err, SLT_LIMIT, "out of memory");
-    for (size_t i = 0; i < (size_t)w * (size_t)n; i++)
-        lo = fmin(lo, (double)h->data[i]), hi = fmax(hi, (double)h->data[i]);
-    for (int y = 0; y < n; y++)
-        for (int x = 0; x < w; x++) {
-            int x0 = x > 0 ? x - 1 : 0, x1 = x + 1 < w ? x + 1 : x, y0 = y > 0 ? y - 1 : 0, y1 = y + 1 < n ? y + 1 : y;
-            const float *v = h->data;
-            double at = (double)v[(size_t)y * (size_t)w + (size_t)x];
-            double gx =
-                scale *
-                ((double)v[(size_t)y * (size_t)w + (size_t)x1] - (double)v[(size_t)y * (size_t)w + (size_t)x0]) /
-                (x1 - x0) * (w - 1) / wide;
-            double gy =
-                scale *
-                ((double)v[(size_t)y0 * (size_t)w + (size_t)x] - (double)v[(size_t)y1 * (size_t)w + (size_t)x]) /
-                (y1 - y0) * (n - 1) / high;
-            double light = (gx * 0.5 - gy * 0.5 + 0.7071) / sqrt(gx * gx + gy * gy + 1);
-            uint8_t tint[3];
-            colormap_sequential(hi > lo ? (at - lo) / (hi - lo) : 0.5, tint);
-            for (int k = 0; k < 3; k++)
-                rgb[((size_t)y * (size_t)w + (size_t)x) * 3 + (size_t)k] =
-                    (uint8_t)(fmin(fmax(light, 0) + 0.15, 1) * tint[k] + 0.5);
-        }
-    SltStatus s = image_write_png8(path, w, n, 3, rgb, err);
-    free(rgb);
-    return s;
-}
-
-/* Every texture and geometry that was optimised: NAME.exr to go on with, NAME.png to look at. */
-static SltStatus write_grids(Fit *f, SltError *err) {
-    char path[4096], name[512];
-    for (uint32_t k = 0; k < slt_param_count(f->p); k++) {
-        SltParam q = SLT_PARAM_INIT;
-        slt_param(f->p, k, &q);
-        if ((!q.is_texture && !q.is_heightfield) || !q.fcount || !slt_wrt_mask(f->p)[q.fbase]) continue;
-        Image im;
-        SltStatus s = image_create(&im, (int)q.tex_w, (int)q.tex_h, (int)q.tex_c, err);
-        if (s != SLT_OK) return s;
-        for (uint32_t i = 0; i < q.fcount; i++) im.data[i] = (float)slt_floats(f->p)[q.fbase + i];
-        snprintf(name, sizeof name, "%.500s.exr", q.name);
-        s = join(path, sizeof path, f->c->output, name, err);
-        if (s == SLT_OK) s = image_write(path, &im, NULL, err);
-        snprintf(name, sizeof name, "%.500s.png", q.name);
-        if (s == SLT_OK) s = join(path, sizeof path, f->c->output, name, err);
-        if (s == SLT_OK) s = q.is_heightfield ? write_relief(path, &q, &im, err) : image_write(path, &im, NULL, err);
-        image_free(&im);
-        if (s != SLT_OK) return s;
-    }
-    return SLT_OK;
-}
-
-/* The image of the best parameters as the first view sees them, whose values the program keeps. */
-static SltStatus render_first_view(Fit *f, const SltJob *job, float *image, SltError *err) {
-    const View *v = &f->scene.views[0];
-    SltStatus s = SLT_OK;
-    for (uint32_t k = 0; s == SLT_OK && k < v->nparams; k++)
-        s = slt_set_text(f->p, v->params[k].name, v->params[k].value, err);
-    return s == SLT_OK ? slt_render(f->p, job, image, NULL, err) : s;
-}
-
-static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
-    char path[4096];
-    const char *dir = f->c->output;
-    uint32_t ch = slt_channels(f->p);
-    SltStatus s = join(path, sizeof path, dir, "fitted.json", err);
-    if (s == SLT_OK) s = file_write_atomic(path, json, strlen(json), err);
-    double *x = malloc((f->result.iterations + 1) * sizeof *x);
-    for (uint32_t i = 0; x && i < f->result.iterations; i++) x[i] = i + 1;
-    PlotSeries series = {.name = "loss", .x = x, .y = f->result.losses, .count = (int)f->result.iterations};
-    PlotOptions plot = {.title = "loss", .x_label = "iteration", .y_label = "loss", .log_y = true};
-    char *svg = s == SLT_OK && x && f->result.iterations ? plot_svg(&plot, &series, 1, err) : NULL;
-    if (s == SLT_OK && !svg && f->result.iterations) s = x ? err->status : status_fail(err, SLT_LIMIT, "out of memory");
-    if (svg && (s = join(path, sizeof path, dir, "loss.svg", err)) == SLT_OK)
-        s = file_write_atomic(path, svg, strlen(svg), err);
-    free(svg);
-    free(x);
-    Text text;
-    FILE *out = text_open(&text);
-    if (out) fputs("iteration,loss\n", out);
-    for (uint32_t i = 0; out && i < f->result.iterations; i++) fprintf(out, "%u,%.17g\n", i + 1, f->result.losses[i]);
-    char *csv = text_close(&text);
-    if (s == SLT_OK && !csv) s = status_fail(err, SLT_LIMIT, "out of memory");
-    if (s == SLT_OK && (s = join(path, sizeof path, dir, "loss.csv", err)) == SLT_OK)
-        s = file_write_atomic(path, csv, text.size, err);
-    free(csv);
-    if (s == SLT_OK) s = write_grids(f, err);
-    if (s != SLT_OK || f->c->minimize) return s;
-    Image im;
-    if ((s = image_create(&im, (int)f->c->job.size[0], (int)f->c->job.size[1], (int)ch, err)) != SLT_OK) return s;
-    SltJob job = f->c->job;
-    job.cancel = NULL;
-    for (uint32_t k = 0; k < ch; k++) image_set_name(&im, (int)k, report_channel(ch, k));
-    report_metadata(&im, f->c, f->p); /* before the values of a view replace the common ones */
-    s = render_first_view(f, &job, im.data, err);
-    if (s == SLT_OK && (s = join(path, sizeof path, dir, "image.exr", err)) == SLT_OK)
-        s = image_write(path, &im, NULL, err);
-    ImageWriteOptions png = {.raw = slt_is_display(f->p)};
-    if (s == SLT_OK && (s = join(path, sizeof path, dir, "image.png", err)) == SLT_OK)
-        s = image_write(path, &im, &png, err);
-    const Image *strip[FRAMES + 2];
-    int n = 0;
-    for (uint32_t k = 0; k < f->nframes; k++) strip[n++] = &f->frames[k];
-    strip[n++] = &im;
-    Image target = {.width = im.width, .height = im.height, .channels = im.channels, .data = f->scene.views[0].target},
-          film;
-    if (target.data) strip[n++] = &target;
-    if (s == SLT_OK && (s = image_film_strip(strip, n, 4, &film, err)) == SLT_OK) {
-        if ((s = join(path, sizeof path, dir, "strip.png", err)) == SLT_OK) s = image_write(path, &film, &png, err);
-        image_free(&film);
-    }
-    image_free(&im);
-    return s;
-}
-
-/* A folder that a fit has not filled before may hold a file of a name that would be written: somebody else's. */
-static SltStatus check_folder(const Fit *f, SltError *err) {
-    static const char *const usual[] = {"loss.svg", "loss.csv", "image.exr", "image.png", "strip.png"};
-    char path[4096], name[512];
-    const char *dir = f->c->output;
-    if (mkdir(dir, 0777) != 0 && errno != EEXIST)
-        return status_fail_errno(err, SLT_OUTPUT, errno, "cannot make the folder %s", dir);
-    SltStatus s = join(path, sizeof path, dir, "fitted.json", err);
-    if (s != SLT_OK || access(path, F_OK) == 0) return s;
-    uint32_t params = slt_param_count(f->p), n = sizeof usual / sizeof *usual + 2 * params;
-    for (uint32_t k = 0; k < n; k++) {
-        SltParam q = SLT_PARAM_INIT;
-        if (k >= 2 * params) snprintf(name, sizeof name, "%s", usual[k - 2 * params]);
-        else slt_param(f->p, k / 2, &q), snprintf(name, sizeof name, "%.500s.%s", q.name, k & 1 ? "png" : "exr");
-        if (k < 2 * params && !q.is_texture && !q.is_heightfield) continue;
-        if ((s = join(path, sizeof path, dir, name, err)) != SLT_OK) return s;
-        if (access(path, F_OK) == 0)
-            return status_fail(err, SLT_OUTPUT,
-                               "'%s' is there, and %s holds no earlier fit: choose another folder for -o", path, dir);
-    }
-    return SLT_OK;
-}
-
-static bool wants_folder(const Cli *c) {
-    size_t n = c->output ? strlen(c->output) : 0;
-    return n && !(n > 5 && !strcmp(c->output + n - 5, ".json"));
-}
-
-static const char *const stop_names[] = {
-    [SLT_FIT_ITERATIONS] = "iters",        [SLT_FIT_CONVERGED] = "converged",    [SLT_FIT_STOPPED] = "stopped",
-    [SLT_FIT_INTERRUPTED] = "interrupted", [SLT_FIT_TIME_LIMIT] = "interrupted", [SLT_FIT_FAILED] = "failed"};
-
-static int write_outputs(Fit *f) {
-    SltError err = {0};
-    char *json = slt_params_json(f->p);
-    SltStatus s = json ? SLT_OK : status_fail(&err, SLT_LIMIT, "out of memory");
-    if (s == SLT_OK && f->c->output) {
-        FileGroup outputs;
-        file_group_begin(&outputs);
-        if (wants_folder(f->c)) s = write_folder(f, json, &err);
-        else s = file_write_atomic(f->c->output, json, strlen(json), &err);
-        s = file_group_end(&outputs, s, &err);
-    }
-    if (s == SLT_OK && f->c->json) {
-        fputs("{\"initial_loss\": ", stdout);
-        json_number(stdout, f->result.initial_loss);
-        fputs(", \"loss\": ", stdout);
-        json_number(stdout, f->result.loss);
-        fputs(", \"losses\": [", stdout);
-        for (uint32_t i = 0; i < f->result.iterations; i++)
-            fputs(i ? ", " : "", stdout), json_number(stdout, f->result.losses[i]);
-        printf("], \"iterations\": %u, \"seconds\": ", f->result.iterations);
-        json_number(stdout, cli_now() - f->start);
-        printf(", \"stopped\": \"%s\", \"params\": %s, \"outputs\": [", stop_names[f->result.stop], json);
-        if (f->c->output) json_text(stdout, f->c->output);
-        fputs("], ", stdout);
-        report_warnings_json(stdout, f->p, &f->stats);
-        fputs("}\n", stdout);
-    } else if (s == SLT_OK) {
-        FILE *out = f->c->streams ? stderr : stdout;
-        if (!f->result.iterations) fputs("no iteration: the parameters as they are, and no loss\n", out);
-        else
-            fprintf(out, "loss %.6g -> %.6g in %u iterations, %.1f s (%s)\n", f->result.initial_loss, f->result.loss,
-                    f->result.iterations, cli_now() - f->start, stop_names[f->result.stop]);
-        if (!f->c->output) fputs(json, stdout);
-    }
-    free(json);
-    return s == SLT_OK ? SLT_OK : cli_fail(f->c, &err);
 }
 
 /* ---- the fit */
@@ -436,8 +142,8 @@ static int run(Fit *f) {
     SltFit *fit;
     SltError err = {0}, end_err = {0};
     SltFitStop stop = SLT_FIT_RUNNING;
-    SltStatus status = wants_folder(c) ? check_folder(f, &err) : SLT_OK; /* now, and not after hours */
-    if (status == SLT_OK && wants_folder(c) && !c->minimize) status = create_frames(f, &err);
+    SltStatus status = fit_wants_folder(c) ? fit_check_folder(f, &err) : SLT_OK; /* now, and not after hours */
+    if (status == SLT_OK && fit_wants_folder(c) && !c->minimize) status = fit_create_frames(f, &err);
     if (status == SLT_OK) status = slt_fit_begin(f->p, &f->opt, &fit, &err);
     if (status != SLT_OK) return report(f, &err);
     f->start = cli_now();
@@ -460,7 +166,7 @@ static int run(Fit *f) {
     if (!has_outcome(f, status)) return status;
     if (!c->quiet) cli_tell(c, f->p);
     report_dropped(c, &f->stats);
-    int written = write_outputs(f);
+    int written = fit_write_outputs(f);
     if (written == SLT_OK) written = status;
     return written == SLT_OK && f->stats.asserts ? SLT_CHECK_FAILED : written;
 }
@@ -469,15 +175,18 @@ static int fit(Fit *f) {
     Cli *c = f->c;
     if (c->minimize) c->job.integral = true;
     int status = apply_scene_params(f);
-    if (status == SLT_OK) status = read_targets(f);
+    if (status == SLT_OK) status = fit_check_targets(f);
     if (status == SLT_OK) status = cli_prepare_job(c, f->p);
-    if (status == SLT_OK) status = collect_views(f);
+    if (status == SLT_OK) status = fit_read_targets(f);
+    if (status == SLT_OK) status = fit_collect_views(f);
     if (status == SLT_OK) status = collect_numbers(f);
     if (status != SLT_OK) return status;
     f->opt.job = &c->job, f->opt.stats = &f->stats, f->opt.minimize = c->minimize;
     f->opt.optimizer = c->optimizer, f->opt.iterations = c->iters;
     f->opt.checkpoint = c->checkpoint ? c->checkpoint : c->resume, f->opt.every = c->every, f->opt.resume = c->resume;
     f->opt.iterated = iterated, f->opt.iterated_user = f;
+    f->opt.metric = c->loss ? (SltFitMetric)cli_choice(CLI_LOSSES, c->loss) : SLT_FIT_L2;
+    f->opt.huber_delta = c->huber_delta, f->opt.loss_entry = c->loss_entry;
     if (c->loss_command) f->opt.loss = ask_program, f->opt.loss_user = f, f->opt.loss_name = c->loss_command;
     return run(f);
 }
@@ -492,7 +201,9 @@ int verb_fit(Cli *c) {
         if (status == SLT_OK) c->file = f.scene.shader;
     }
     SltError later = {0}; /* a target that cannot be read is reported behind the shader's own errors */
-    if (status == SLT_OK) size_of_target(&f, c->opt.size, &later);
+    uint32_t size[3] = {0};
+    if (status == SLT_OK && fit_size_of_target(&f, size, &later) == SLT_OK && size[0])
+        c->opt.size[0] = size[0], c->opt.size[1] = size[1];
     if (status == SLT_OK) status = cli_compile(c, &f.p);
     if (status == SLT_OK) status = fit(&f);
     for (uint32_t k = 0; k < FRAMES; k++) image_free(&f.frames[k]);
@@ -503,6 +214,8 @@ int verb_fit(Cli *c) {
     free(f.smooth);
     free(f.result.losses);
     slt_program_free(f.p);
+    for (uint32_t k = 0; k < f.nentries; k++) slt_program_free(f.entries[k]);
+    free(f.entries);
     if (c->file == f.scene.shader) c->file = scene_file;
     scene_free(&f.scene);
     return status;

@@ -1,13 +1,25 @@
-/* What fit.c and scene.c, the scene file, share. */
+/* What fit.c, its parts fit_views.c and fit_write.c, and scene.c, the scene file, share. */
 #ifndef SALTUS_CLI_FIT_H
 #define SALTUS_CLI_FIT_H
 
 #include "cli/cli.h"
+#include "cli/loss.h"
+#include "saltus/fit.h"
+
+/* A target that another shader draws. */
+typedef struct TargetShader {
+    char *path, *entry;    /* entry may be NULL */
+    SltSet *params, *sets; /* [nparams], values of its parameters; [nsets], of its constants; malloc'd */
+    uint32_t nparams, nsets, spp;
+} TargetShader;
 
 /* One view: a target with a mask and parameter values of its own. With a loss program only that program reads the two
  * images. */
 typedef struct View {
     char *target_path, *mask_path;
+    char *entry;          /* of the shader; NULL: the scene's */
+    SltProgram *program;  /* of that entry, in Fit.entries; NULL: the fit's own */
+    TargetShader *drawn;  /* the target is its image; malloc'd, or NULL */
     float *target, *mask; /* at the job's size; mask may be NULL */
     SltSet *params;       /* [nparams]: name, and JSON text or @file; malloc'd */
     uint32_t nparams;
@@ -31,12 +43,45 @@ typedef struct Scene {
     uint32_t nstrings;
 } Scene;
 
+enum { FRAMES = 6 };
+
+typedef struct Fit {
+    Cli *c;
+    SltProgram *p;
+    Scene scene;
+    SltFitOptions opt;
+    SltProgram **entries; /* [nentries]: the shader once more for each other entry of a view */
+    uint32_t nentries;
+    SltFitView *views;
+    SltFitMask *masks; /* their factors are malloc'd */
+    SltFitNumber *rates, *smooth;
+    LossProgram *loss; /* of --loss-command, while it runs */
+    Progress progress;
+    Image frames[FRAMES]; /* of the first view, spread over the fit; of a folder only */
+    uint32_t nframes;     /* taken so far */
+    double start;
+    SltFitResult result;
+    SltStats stats;
+} Fit;
+
 /* Reads SCENE.json into scene and, where the command line says nothing else, into the options. An SltStatus; the error
  * is printed. */
 int scene_read(Cli *c, const char *path, Scene *scene);
 void scene_free(Scene *scene);
-char *scene_keep(Scene *s, char *text);   /* gives text (malloc'd) to the scene; returns it */
-bool scene_is(const char *file);          /* is the file a scene, by its extension? */
-bool fit_has_optimizer(const char *name); /* fit.c: is there an optimiser of this name? */
+char *scene_keep(Scene *s, char *text); /* gives text (malloc'd) to the scene; returns it */
+bool scene_is(const char *file);        /* is the file a scene, by its extension? */
+
+/* fit_views.c */
+SltStatus fit_size_of_target(const Fit *f, uint32_t size[3], SltError *err); /* the first target's, without --size */
+int fit_check_targets(Fit *f); /* whether the options make one loss; the size, if a target decides it */
+int fit_read_targets(Fit *f);  /* images, and what shaders draw; the shaders of views that have entries of their own */
+int fit_collect_views(Fit *f);
+
+/* fit_write.c: a file of parameters, or a folder. */
+bool fit_wants_folder(const Cli *c);
+SltStatus fit_check_folder(const Fit *f, SltError *err); /* before the fit, and not after hours */
+SltStatus fit_create_frames(Fit *f, SltError *err);
+void fit_keep_frame(Fit *f, const float *image);
+int fit_write_outputs(Fit *f);
 
 #endif

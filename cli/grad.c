@@ -260,7 +260,7 @@ static int grad_images(Cli *c, SltProgram *p) {
     char **names;
     uint32_t *index, ch = slt_channels(p), n = report_components(c, p, &names, &index), nf = slt_float_count(p);
     int status = SLT_OK;
-    if (!image_can_write(c->output)) {
+    if (slt_dim(p) == 3 ? !volume_can_write(c->output) : !image_can_write(c->output)) {
         report_free_components(names, index, n);
         return cli_unknown_format(c);
     }
@@ -321,6 +321,8 @@ static int grad_images(Cli *c, SltProgram *p) {
         }
         if (status == SLT_OK && dot && !strcmp(dot, ".png") && layers)
             status = write_maps(c->output, &im, n, ch, layers, &err);
+        else if (status == SLT_OK && slt_dim(p) == 3)
+            status = volume_write(c->output, &im, (int)c->job.size[2], NULL, &err);
         else if (status == SLT_OK) status = image_write(c->output, &im, NULL, &err);
         for (uint32_t d = 0; layers && d < n; d++) free(layers[d]);
         free(layers);

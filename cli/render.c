@@ -111,7 +111,8 @@ static int render(Cli *c, SltProgram *p) {
                          c->job.integral ? "--integral" : "--exact and --interior quadrature");
     status = c->opt.rgba8 ? check_rgba8(c) : SLT_OK;
     if (status != SLT_OK) return status;
-    if (c->output && !image_can_write(c->output) && !c->opt.rgba8) return cli_unknown_format(c);
+    bool known = c->output && (slt_dim(p) == 3 ? volume_can_write(c->output) : image_can_write(c->output));
+    if (c->output && !known && !c->opt.rgba8) return cli_unknown_format(c);
     if (c->job.integral) return render_integral(c, p);
     SltStats stats = SLT_STATS_INIT;
     uint32_t channels = slt_channels(p), w = c->job.size[0], h = c->job.size[1], d = c->job.size[2];
@@ -133,18 +134,9 @@ static int render(Cli *c, SltProgram *p) {
     if (status == SLT_OK && c->output) {
         for (uint32_t k = 0; k < channels; k++) image_set_name(&im, (int)k, report_channel(channels, k));
         report_metadata(&im, c, p);
-        const char *dot = strrchr(c->output, '.');
-        if (d > 1 && dot && !strcmp(dot, ".npy")) {
-            size_t shape[4] = {d, h, w, channels}, n = (size_t)w * h * d * channels;
-            double *wide = malloc(n * sizeof *wide);
-            for (size_t i = 0; wide && i < n; i++) wide[i] = (double)im.data[i];
-            status = wide ? npy_write(c->output, 4, shape, wide, false, &err)
-                          : status_fail(&err, SLT_LIMIT, "out of memory");
-            free(wide);
-        } else {
-            ImageWriteOptions png = {.raw = slt_is_display(p)};
-            status = image_write(c->output, &im, &png, &err);
-        }
+        ImageWriteOptions png = {.raw = slt_is_display(p)};
+        status = slt_dim(p) == 3 ? volume_write(c->output, &im, (int)d, &png, &err)
+                                 : image_write(c->output, &im, &png, &err);
     }
     if (status == SLT_OK) {
         print_result(c, p, &stats, im.data, channels);

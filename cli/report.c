@@ -179,8 +179,12 @@ void report_component_name(const SltProgram *p, uint32_t index, char *buf, size_
         if (index < q->fbase || index >= q->fbase + q->fcount) continue;
         uint32_t rest = index - q->fbase;
         if (param_is_image(q)) {
-            uint32_t c = rest % q->tex_c, x = rest / q->tex_c % q->tex_w, y = rest / q->tex_c / q->tex_w;
-            snprintf(buf, size, q->tex_c > 1 ? "%s[%u][%u][%u]" : "%s[%u][%u]", q->name, y, x, c);
+            uint32_t n[4], dims = param_texel_sizes(q, n), inner = q->fcount;
+            int at = snprintf(buf, size, "%s", q->name);
+            for (uint32_t k = 0; k < dims && at >= 0 && (size_t)at < size; k++, rest %= inner) {
+                inner /= n[k];
+                at += snprintf(buf + at, size - (size_t)at, "[%u]", rest / inner);
+            }
             return;
         }
         snprintf(buf, size, "%s", q->name);

@@ -7,6 +7,7 @@
 #include "cli/cli.h"
 
 enum { TEXT = 1024 };
+#define SINGULAR 0.03
 
 /* A warning may have several lines: `size` is left of buf. */
 typedef const SltPlace *Warn(const SltStats *s, char *buf,
@@ -94,6 +95,16 @@ static const SltPlace *upset_text(const SltStats *s, char *buf, size_t size) {
     return s->upset > 0 ? &none_at : NULL;
 }
 
+/* Said where it is no small part of what is stated. */
+static const SltPlace *singular_text(const SltStats *s, char *buf, size_t size) {
+    snprintf(buf, size,
+             "a derivative hangs on a few samples, as it does where f is a small power of the distance to a place "
+             "(pow(d, 0.1)): what lies nearer to it than they do may be %.2g of the largest derivative, and is part of "
+             "the error",
+             s->singular);
+    return s->singular > SINGULAR ? &none_at : NULL;
+}
+
 const SltPlace *report_nonfinite_text(const SltStats *s, char *buf, size_t size) {
     const SltPlace *place = &s->nonfinite_at;
     char x[96];
@@ -114,11 +125,8 @@ const SltPlace *report_nonfinite_text(const SltStats *s, char *buf, size_t size)
 static const struct {
     const char *code;
     Warn *text;
-} sampled[] = {{"dropped", dropped_text},
-               {"coincident", coincident_text},
-               {"few_ulps", ulps_text},
-               {"upset", upset_text},
-               {"nonfinite", report_nonfinite_text}};
+} sampled[] = {{"dropped", dropped_text}, {"coincident", coincident_text}, {"few_ulps", ulps_text},
+               {"upset", upset_text},     {"singular", singular_text},     {"nonfinite", report_nonfinite_text}};
 enum { SAMPLED = sizeof sampled / sizeof *sampled };
 
 void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s) {

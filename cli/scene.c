@@ -153,19 +153,15 @@ static int read_params(Reader *r, json_t *root) {
     return SLT_OK;
 }
 
-static int read_view(Reader *r, json_t *j, View *v) {
-    if (!json_is_object(j)) return bad(r, "views", "objects are wanted");
-    int status = known_keys(r, j, "views", KEYS("target", "mask", "params"));
-    if (status == SLT_OK) status = text_of(r, j, "target", &v->target_path, true);
-    if (status == SLT_OK) status = text_of(r, j, "mask", &v->mask_path, true);
-    if (status != SLT_OK) return status;
-    if (!v->target_path && !r->c->loss_command) return bad(r, "views", "every view needs a `target`");
-    json_t *params = json_object_get(j, "params"), *value;
+/* Values by name, malloc'd: of the parameters of a view or a target, or of constants. */
+static int read_values(Reader *r, json_t *root, const char *name, const char *where, SltSet **out, uint32_t *n) {
+    json_t *values = json_object_get(root, name), *value;
     const char *key;
-    if (!params) return SLT_OK;
-    if (!json_is_object(params)) return bad(r, "views.params", "an object is wanted");
-    v->params = cli_need(calloc(json_object_size(params) + 1, sizeof *v->params));
-    json_object_foreach(params, key, value) {
+    int status = SLT_OK;
+    if (!values) return SLT_OK;
+    if (!json_is_object(values)) return bad(r, where, "an object is wanted");
+    *out = cli_need(calloc(json_object_size(values) + 1, sizeof **out));
+    json_object_foreach(values, key, value) {
         char *text = NULL, *file = NULL;
         if (json_is_object(value) && json_object_size(value) == 1 && json_object_get(value, "file")) {
             status = text_of(r, value, "file", &file, true);
@@ -175,9 +171,38 @@ static int read_view(Reader *r, json_t *j, View *v) {
         } else {
             text = json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(17));
         }
-        v->params[v->nparams++] = (SltSet){scene_keep(r->s, strdup(key)), scene_keep(r->s, text)};
+        (*out)[(*n)++] = (SltSet){scene_keep(r->s, strdup(key)), scene_keep(r->s, text)};
     }
     return SLT_OK;
+}
+
+/* "target": a path, or {"shader": path, "entry": name, "params": {...}, "set": {...}, "spp": n}. */
+static int read_target(Reader *r, json_t *root, View *v) {
+    json_t *target = json_object_get(root, "target");
+    if (!json_is_object(target)) return text_of(r, root, "target", &v->target_path, true);
+    TargetShader *t = v->drawn = cli_need(calloc(1, sizeof *v->drawn));
+    double spp = 0;
+    int status = known_keys(r, target, "target", KEYS("shader", "entry", "params", "set", "spp"));
+    if (status == SLT_OK) status = text_of(r, target, "shader", &t->path, true);
+    if (status == SLT_OK && !t->path) status = bad(r, "target", "`shader` is missing");
+    if (status == SLT_OK) status = text_of(r, target, "entry", &t->entry, false);
+    if (status == SLT_OK) status = number_of(r, target, "spp", 1, 1 << 24, &spp);
+    if (status == SLT_OK) status = read_values(r, target, "params", "target.params", &t->params, &t->nparams);
+    if (status == SLT_OK) status = read_values(r, target, "set", "target.set", &t->sets, &t->nsets);
+    t->spp = (uint32_t)spp;
+    if (status == SLT_OK && r->c->loss_command) status = bad(r, "target", "a loss program wants a file");
+    return status;
+}
+
+static int read_view(Reader *r, json_t *j, View *v) {
+    if (!json_is_object(j)) return bad(r, "views", "objects are wanted");
+    int status = known_keys(r, j, "views", KEYS("target", "mask", "params", "entry"));
+    if (status == SLT_OK) status = read_target(r, j, v);
+    if (status == SLT_OK) status = text_of(r, j, "mask", &v->mask_path, true);
+    if (status == SLT_OK) status = text_of(r, j, "entry", &v->entry, false);
+    if (status != SLT_OK) return status;
+    if (!v->target_path && !v->drawn && !r->c->loss_command) return bad(r, "views", "every view needs a `target`");
+    return read_values(r, j, "params", "views.params", &v->params, &v->nparams);
 }
 
 static int read_views(Reader *r, json_t *root) {
@@ -188,7 +213,7 @@ static int read_views(Reader *r, json_t *root) {
     r->s->views = cli_need(calloc(n + 1, sizeof *r->s->views));
     if (!views) {
         View *v = &r->s->views[r->s->nviews++];
-        int status = text_of(r, root, "target", &v->target_path, true);
+        int status = read_target(r, root, v);
         return status == SLT_OK ? text_of(r, root, "mask", &v->mask_path, true) : status;
     }
     for (size_t i = 0; i < n; i++) {
@@ -199,10 +224,7 @@ static int read_views(Reader *r, json_t *root) {
 }
 
 /* "loss": {"command": "...", "timeout": S}; the command runs in the scene's folder. */
-static int read_loss(Reader *r, json_t *root) {
-    json_t *loss = json_object_get(root, "loss");
-    if (!loss) return SLT_OK;
-    if (!json_is_object(loss)) return bad(r, "loss", "an object is wanted");
+static int read_loss_command(Reader *r, json_t *loss) {
     char *command = NULL;
     double timeout = -1;
     int status = known_keys(r, loss, "loss", KEYS("command", "timeout"));
@@ -218,6 +240,35 @@ static int read_loss(Reader *r, json_t *root) {
                    "it wants to start a program: with --allow-commands it may, or type it behind --loss-command");
     r->c->loss_command = command, r->s->loss_dir = r->s->dir;
     return SLT_OK;
+}
+
+/* "loss": "l2", "l1", "huber", {"huber": delta}, {"entry": name} or a command. */
+static int read_loss(Reader *r, json_t *root) {
+    json_t *loss = json_object_get(root, "loss");
+    char *name = NULL;
+    if (!loss || r->c->loss || r->c->loss_entry) return SLT_OK;
+    if (json_is_object(loss) && json_object_get(loss, "huber")) {
+        double delta = 0;
+        int status = known_keys(r, loss, "loss", KEYS("huber"));
+        if (status == SLT_OK) status = number_of(r, loss, "huber", 1e-30, 1e30, &delta);
+        if (status != SLT_OK) return status;
+        if (!(r->c->huber_delta > 0)) r->c->huber_delta = delta;
+        r->c->loss = "huber";
+        return SLT_OK;
+    }
+    if (json_is_object(loss) && json_object_get(loss, "entry")) {
+        int status = known_keys(r, loss, "loss", KEYS("entry"));
+        if (status == SLT_OK) status = text_of(r, loss, "entry", &name, false);
+        if (status == SLT_OK && !r->c->loss_command) r->c->loss_entry = name;
+        return status;
+    }
+    if (json_is_object(loss)) return read_loss_command(r, loss);
+    int status = text_of(r, root, "loss", &name, false);
+    if (status == SLT_OK && cli_choice(CLI_LOSSES, name) < 0)
+        return bad(r, "loss",
+                   "`l2`, `l1`, `huber`, {\"huber\": delta}, {\"entry\": name} or {\"command\": text} is wanted");
+    if (status == SLT_OK && !r->c->loss_command) r->c->loss = name;
+    return status;
 }
 
 static int read_optimizer(Reader *r, json_t *root) {
@@ -319,6 +370,8 @@ void scene_free(Scene *s) {
         free(s->views[v].target);
         free(s->views[v].mask);
         free(s->views[v].params);
+        if (s->views[v].drawn) free(s->views[v].drawn->params), free(s->views[v].drawn->sets);
+        free(s->views[v].drawn);
     }
     free(s->views);
     free(s->params);

@@ -60,7 +60,7 @@ check_threads() {
 check_fuzz() {
     configure_sanitized build/fuzz -DSALTUS_FUZZ=ON -DSALTUS_SANITIZE=address,undefined
     local name failed=0
-    for name in source json scene image object; do
+    for name in source json scene image mesh object; do
         cmake --build build/fuzz -j "$jobs" --target "fuzz-$name"
         mkdir -p "build/fuzz/corpus/$name" build/fuzz/found
         local options=(-max_total_time="${SECONDS_EACH:-600}" -rss_limit_mb=1024 -timeout=60 -close_fd_mask=3 -artifact_prefix="build/fuzz/found/$name-")

@@ -25,6 +25,7 @@ struct SltProgram {
     SltOptions opt; /* what it points at lies in the session */
     PassCtx passes;
     Target target;
+    int source; /* of session->sources: the file or string that was compiled */
 
     atomic_bool in_use;           /* by a public function that reads or writes what follows */
     _Atomic(const void *) holder; /* the thread whose fit holds the program, as call.c names threads; NULL: none */
@@ -52,10 +53,12 @@ struct SltProgram {
     uint32_t *list_counts;    /* [SLT_MAX_CULL]: iterations of each */
     uint8_t *list_noted;      /* [SLT_MAX_CULL]: 1 where `bounds` notes which can matter */
     uint8_t *site_kind, *site_static, *site_skips, *site_ties; /* by site: see SltScene */
-    uint8_t *edge_upsets;                                      /* as edge_kind; NULL: no seam does */
-    uint32_t *edge_line;                                       /* likewise: of the source */
-    uint8_t *edge_bends;                                       /* by edge: see SltScene */
-    uint8_t *edge_kind; /* by edge; NULL until a kernel that knows edges was asked for */
+    SltTwins *twins;                                           /* [ntwins] */
+    uint32_t ntwins;
+    uint8_t *edge_upsets; /* as edge_kind; NULL: no seam does */
+    uint32_t *edge_line;  /* likewise: of the source */
+    uint8_t *edge_bends;  /* by edge: see SltScene */
+    uint8_t *edge_kind;   /* by edge; NULL until a kernel that knows edges was asked for */
     uint32_t nedges;
     bool flat, told, chunked;       /* see SltScene */
     uint8_t *dense;                 /* [nfloats]: 1 where some reverse kernel adds to adj */
@@ -132,10 +135,18 @@ void api_geometries_want(SltProgram *p, const Fn *fn); /* fn will run: the next 
 /* Makes the geometries that compiled kernels ask for; those that are there follow their numbers in flt. */
 SltStatus api_geometries(SltProgram *p, SltError *err);
 
+/* ---- program.c: the source of p with more text behind it and another entry, under the options of p. As
+ * slt_compile_string. */
+SltStatus api_compile_beside(const SltProgram *p, const char *more, const char *entry, SltProgram **out);
+
 /* ---- values.c */
 void api_flt_from(SltProgram *p, const double *values, uint32_t base,
                   uint32_t count);                                     /* flt[base..] = values[base..] */
 void api_params_changed(SltProgram *p, uint32_t base, uint32_t count); /* floats[base..] are new: flt follows */
+/* What `name` names; where there is none, fails with the status `wrong` and a text, which begins with `what` unless
+ * that is NULL. Nothing of it stays in memory, so that a program may be asked for ever. */
+SltStatus api_find(const SltProgram *p, const char *name, SltStatus wrong, const char *what, ParamRef *out,
+                   SltError *err);
 SltStatus api_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError *err); /* slt_wrt, program entered */
 
 /* ---- values_read.c */
@@ -144,7 +155,7 @@ SltStatus api_set_text(SltProgram *p, const char *name, const char *value, SltEr
 bool api_looks_like_glsl(const char *text);
 /* The files that declarations name as values; the front end asks for their dimensions by api_probe_asset. */
 SltStatus api_load_assets(SltProgram *p, SltError *err);
-bool api_probe_asset(void *user, const char *path, char kind, uint32_t dims[4], uint32_t *ndims, const char **why);
+AssetProbe api_probe_asset;
 
 /* ---- kernels.c: facts of the program */
 uint64_t api_event_bound(const SltProgram *p); /* the most events that one sample may meet */

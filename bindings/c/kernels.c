@@ -81,7 +81,7 @@ static void fill_scene(SltProgram *p) {
     s->dense = p->opt.interpret ? NULL : p->dense;
     s->nsites = g->primal->nsites;
     s->site_kind = p->site_kind, s->site_static = p->site_static, s->site_skips = p->site_skips,
-    s->site_ties = p->site_ties;
+    s->site_ties = p->site_ties, s->twins = p->twins, s->ntwins = p->ntwins;
     s->nedges = p->nedges, s->edge_kind = p->edge_kind, s->flat = p->flat, s->told = p->told, s->chunked = p->chunked;
     s->edge_upsets = p->edge_upsets, s->edge_bends = p->edge_bends, s->edge_line = p->edge_line;
     s->still = !p->passes.untracked;
@@ -113,6 +113,14 @@ static void find_noted(const Block *b, uint8_t *noted) {
     }
 }
 
+static void twin_table(SltProgram *p) {
+    Twins *twins;
+    p->ntwins = depend_twins(p->prog->primal, &p->session->module, &twins);
+    p->twins = ARENA_ARRAY(&p->session->module, SltTwins, p->ntwins + 1);
+    for (uint32_t t = 0; t < p->ntwins; t++)
+        p->twins[t] = (SltTwins){{twins[t].site[0], twins[t].site[1]}, twins[t].times};
+}
+
 static void site_tables(SltProgram *p) {
     const Fn *primal = p->prog->primal;
     Arena *a = &p->session->module;
@@ -128,6 +136,7 @@ static void site_tables(SltProgram *p) {
         p->site_static[s] = !(facts[s] & DEPENDS_X);
         p->site_ties[s] = (facts[s] & DEPENDS_TIES) != 0;
     }
+    twin_table(p);
     p->list_counts = ARENA_ARRAY(a, uint32_t, SLT_MAX_CULL);
     p->list_noted = ARENA_ARRAY(a, uint8_t, SLT_MAX_CULL);
     p->cull_kernels = ARENA_ARRAY(a, SltKernel *, p->prog->ncull + 1);
@@ -165,10 +174,12 @@ static void finish_bounds(SltProgram *p, Fn *bounds) {
 }
 
 /* One module of n kernels; NULL: none, and the request says why. */
-static CompiledModule *compile(Session *s, Request *q, const KernelRequest *req, uint32_t n, unsigned opt_level) {
+static CompiledModule *compile(Session *s, Request *q, const KernelRequest *req, uint32_t n, uint64_t few,
+                               unsigned opt_level) {
     SltProgram *p = q->p;
     BackOptions bo = {.target = p->target,
                       .width = p->opt.width,
+                      .few = few,
                       .adj = p->scene.flat_adj ? ADJ_FLAT : ADJ_LANES,
                       .no_cache = p->opt.no_cache,
                       .opt_level = opt_level,
@@ -193,6 +204,13 @@ static CompiledModule *compile(Session *s, Request *q, const KernelRequest *req,
  * at once: it is compiling them that takes time. */
 static bool is_long(const KernelSet *set, int kind) {
     return set->chunked && (kind == K_BOUNDS || kind == K_EDGE || kind == K_EDGE_BOUNDS);
+}
+
+/* Where loops have lists, cells are asked about a node of the tree at a time, which is seven boxes or points a call. */
+static bool takes_few(const SltProgram *p, int kind) {
+    bool listed = false;
+    for (uint32_t i = 0; i < SLT_MAX_CULL; i++) listed |= p->list_noted[i] != 0;
+    return listed && (kind == K_BOUNDS || kind == K_EDGE || kind == K_EDGE_BOUNDS);
 }
 
 static void build_body(Session *s, void *arg) {
@@ -221,6 +239,7 @@ static void build_body(Session *s, void *arg) {
     KernelRequest req[K_KINDS + SLT_MAX_CULL];
     KernelRequest long_req[K_KINDS];
     uint32_t n = 0, nlong = 0;
+    uint64_t few = 0;
     for (int k = 0; k < K_KINDS; k++) {
         if (!set.fn[k]) continue;
         p->fn[k] = set.fn[k];
@@ -235,7 +254,10 @@ static void build_body(Session *s, void *arg) {
         if (set.tape[k].bytes_per_lane > p->scene.tape_bytes) p->scene.tape_bytes = set.tape[k].bytes_per_lane;
         if (p->opt.interpret) p->scene.kernel[k] = interpreted;
         else if (is_long(&set, k)) long_req[nlong++] = (KernelRequest){kernel_names[k], set.fn[k]};
-        else req[n++] = (KernelRequest){kernel_names[k], set.fn[k]};
+        else {
+            few |= (uint64_t)takes_few(p, k) << n;
+            req[n++] = (KernelRequest){kernel_names[k], set.fn[k]};
+        }
     }
     if (q->cull)
         for (uint32_t c = 0; c < p->prog->ncull; c++)
@@ -244,8 +266,8 @@ static void build_body(Session *s, void *arg) {
     size_t lane_bytes = (size_t)p->prog->nfloats * 16 * (p->opt.f64 ? 8 : 4);
     if (q->needs[K_VJP] || q->needs[K_SITE_VJP]) p->scene.flat_adj = lane_bytes > LANE_ADJOINT_BYTES;
     CompiledModule *usual = NULL, *large = NULL;
-    if (n && !(usual = compile(s, q, req, n, level))) return;
-    if (nlong && !(large = compile(s, q, long_req, nlong, 0))) return;
+    if (n && !(usual = compile(s, q, req, n, few, level))) return;
+    if (nlong && !(large = compile(s, q, long_req, nlong, 0, 0))) return;
     for (int k = 0; k < K_KINDS; k++) {
         if (!set.fn[k]) continue;
         CompiledModule *m = is_long(&set, k) ? large : usual;

@@ -93,7 +93,7 @@ static void copy_options(Session *s, void *user) {
 
 typedef struct Compile {
     SltProgram *p;
-    const char *path, *text, *shown;
+    const char *path, *text, *shown, *dir; /* path, or text from the folder dir */
     SltStatus status;
 } Compile;
 
@@ -149,8 +149,9 @@ static void compile_body(Session *s, void *arg) {
             return;
         }
     } else {
-        file = session_add_text(s, c->shown, ".", c->text, strlen(c->text));
+        file = session_add_text(s, c->shown, c->dir, c->text, strlen(c->text));
     }
+    p->source = file;
     if (p->opt.sandbox && file >= 0) s->sandbox = s->sources[file].dir;
     ConstOverride *overrides = ARENA_ARRAY(&s->session, ConstOverride, p->opt.nset + 1);
     for (uint32_t i = 0; i < p->opt.nset; i++)
@@ -214,7 +215,7 @@ static SltStatus fill_program(SltProgram *p) {
     return status;
 }
 
-static SltStatus compile(const char *path, const char *text, const char *shown, const SltOptions *opt,
+static SltStatus compile(const char *path, const char *text, const char *shown, const char *dir, const SltOptions *opt,
                          SltProgram **out) {
     *out = NULL;
     SltProgram *p = calloc(1, sizeof *p);
@@ -240,7 +241,7 @@ static SltStatus compile(const char *path, const char *text, const char *shown, 
     }
     if ((unsigned)o->field > SLT_STRUCTURE_NAIVE)
         return status_fail(&p->error, SLT_USAGE, "unknown structure of geometries %d", (int)o->field);
-    Compile c = {.p = p, .path = path, .text = text, .shown = shown};
+    Compile c = {.p = p, .path = path, .text = text, .shown = shown, .dir = dir};
     unwound = session_protect(s, compile_body, &c);
     if (unwound) return status_fail(&p->error, (SltStatus)unwound, "%s", s->unwind_text);
     if (c.status != SLT_OK) return c.status;
@@ -248,11 +249,27 @@ static SltStatus compile(const char *path, const char *text, const char *shown, 
 }
 
 SltStatus slt_compile_file(const char *path, const SltOptions *opt, SltProgram **out) {
-    return compile(path, NULL, path, opt, out);
+    return compile(path, NULL, path, NULL, opt, out);
 }
 
 SltStatus slt_compile_string(const char *source, const char *shown_name, const SltOptions *opt, SltProgram **out) {
-    return compile(NULL, source, shown_name ? shown_name : "<string>", opt, out);
+    return compile(NULL, source, shown_name ? shown_name : "<string>", ".", opt, out);
+}
+
+SltStatus api_compile_beside(const SltProgram *p, const char *more, const char *entry, SltProgram **out) {
+    const Source *s = &p->session->sources[p->source];
+    SltOptions opt = p->opt;
+    opt.entry = entry, opt.rgba8 = false;
+    opt.dump = opt.verify_after = opt.stop_after = NULL;
+    size_t n = strlen(more);
+    char *text = malloc(s->len + n + 1);
+    *out = NULL;
+    if (!text) return SLT_LIMIT;
+    memcpy(text, s->text, s->len);
+    memcpy(text + s->len, more, n + 1);
+    SltStatus status = compile(NULL, text, s->path, s->dir, &opt, out);
+    free(text);
+    return status;
 }
 
 void slt_program_free(SltProgram *p) {
@@ -272,10 +289,10 @@ void slt_program_free(SltProgram *p) {
 const char *slt_version(void) { return SALTUS_VERSION; }
 const char *slt_last_error(const SltProgram *p) { return p ? p->error.text : "out of memory"; }
 
-/* ---- diagnostics: a call that compiles kernels may add some */
+/* ---- diagnostics: a call that compiles kernels may add some. Compiling left no program, NULL, when memory ran out. */
 uint32_t slt_diagnostic_count(const SltProgram *p) {
     uint32_t n = 0;
-    if (!api_claim(p)) return 0;
+    if (!p || !api_claim(p)) return 0;
     for (const Diag *d = p->session->diags; d; d = d->next) n++;
     api_release(p);
     return n;
@@ -293,7 +310,7 @@ static SltDiagnostic described(const Session *s, const Diag *d) {
 }
 
 bool slt_diagnostic(const SltProgram *p, uint32_t index, SltDiagnostic *out) {
-    if (!api_struct_sized(out) || !api_claim(p)) return false;
+    if (!p || !api_struct_sized(out) || !api_claim(p)) return false;
     const Diag *d = p->session->diags;
     for (; d && index; index--) d = d->next;
     if (d) {
@@ -319,8 +336,13 @@ static const char *printed(SltProgram *p, int slot, void (*print)(const Session 
     return text ? text : "";
 }
 static void print_text(const Session *s, FILE *f) { diag_print_text(s, f, false); }
-const char *slt_diagnostics_text(SltProgram *p) { return printed(p, 0, print_text); }
-const char *slt_diagnostics_json(SltProgram *p) { return printed(p, 1, diag_print_json); }
+const char *slt_diagnostics_text(SltProgram *p) { return p ? printed(p, 0, print_text) : "error: out of memory\n"; }
+const char *slt_diagnostics_json(SltProgram *p) {
+    static const char no_memory[] =
+        "{\"uri\":\"\",\"range\":{\"start\":{\"line\":0,\"character\":0},\"end\":{\"line\":0,\"character\":0}},"
+        "\"severity\":1,\"code\":\"limit\",\"source\":\"saltus\",\"message\":\"out of memory\"}\n";
+    return p ? printed(p, 1, diag_print_json) : no_memory;
+}
 
 /* ---- facts: 0 and "" where the program did not compile */
 uint32_t slt_dim(const SltProgram *p) { return p->prog ? p->prog->dim : 0; }

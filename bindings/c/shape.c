@@ -10,13 +10,12 @@ static void add_dimension(SltParam *out, uint32_t n) {
     else out->shape[SLT_MAX_RANK - 1] *= n;
 }
 
-/* The part of a texture that `out` is follows from its count of numbers: all, a row, a texel or a channel. */
+/* The part of a texture that `out` is follows from its count of numbers: all, a slice, a row, a texel or a channel. */
 static void describe_texels(const Param *q, SltParam *out) {
-    uint32_t row = q->tex_w * q->tex_c;
+    uint32_t n[4], dims = param_texel_sizes(q, n), count = q->fcount;
     out->kind = SLT_KIND_FLOAT, out->fstride = 1;
-    if (out->fcount == q->fcount) add_dimension(out, q->tex_h);
-    if (out->fcount >= row && out->fcount > q->tex_c) add_dimension(out, q->tex_w);
-    if (out->fcount >= q->tex_c && q->tex_c > 1) add_dimension(out, q->tex_c);
+    for (uint32_t k = 0; k < dims; count /= n[k++])
+        if (out->fcount >= count && count > 1) add_dimension(out, n[k]);
 }
 
 void shape_describe(const Param *q, const Type *t, SltParam *out) {
@@ -125,18 +124,21 @@ void shape_write(FILE *out, const Type *t, ShapeCursor *at, bool floats_only, Sh
     }
 }
 
-void shape_write_texels(FILE *out, const Param *p, ShapeLeaf *leaf, void *user) {
-    ShapeCursor at = {p->fbase, 0};
+static void write_texels(FILE *out, const uint32_t *n, uint32_t dims, ShapeCursor *at, ShapeLeaf *leaf, void *user) {
+    if (dims == 1) {
+        write_list(out, type_scalar(T_FLOAT), *n, at, true, leaf, user);
+        return;
+    }
     json_put(out, '[');
-    for (uint32_t y = 0; y < p->tex_h; y++) {
-        if (y) json_comma(out);
-        json_put(out, '[');
-        for (uint32_t x = 0; x < p->tex_w; x++) {
-            if (x) json_comma(out);
-            if (p->tex_c > 1) write_list(out, type_scalar(T_FLOAT), p->tex_c, &at, true, leaf, user);
-            else leaf(user, out, T_FLOAT, at.f++);
-        }
-        json_put(out, ']');
+    for (uint32_t k = 0; k < *n; k++) {
+        if (k) json_comma(out);
+        write_texels(out, n + 1, dims - 1, at, leaf, user);
     }
     json_put(out, ']');
+}
+
+void shape_write_texels(FILE *out, const Param *p, ShapeLeaf *leaf, void *user) {
+    ShapeCursor at = {p->fbase, 0};
+    uint32_t n[4], dims = param_texel_sizes(p, n);
+    write_texels(out, n, dims, &at, leaf, user);
 }

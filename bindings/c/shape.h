@@ -1,5 +1,6 @@
 /* The shape of a parameter: as numbers in SltParam, and as JSON, where a struct is an object, a vector or an array a
- * list, a matrix the list of its rows, a texture rows of texels, top row first. */
+ * list, a matrix the list of its rows, a texture rows of texels, top row first, one of three dimensions
+ * slices of them. */
 #ifndef SALTUS_BINDINGS_C_SHAPE_H
 #define SALTUS_BINDINGS_C_SHAPE_H
 

@@ -50,7 +50,8 @@ static void describe(const Param *q, SltParam *out) {
                       .doc = q->attrs.doc,
                       .tex_w = q->tex_w,
                       .tex_h = q->tex_h,
-                      .tex_c = q->tex_c};
+                      .tex_c = q->tex_c,
+                      .tex_d = q->tex_d};
     shape_describe(q, q->type, out);
 }
 
@@ -70,11 +71,36 @@ bool slt_param_field(const SltParam *of, uint32_t index, SltParam *out) {
     return true;
 }
 
+typedef struct Find {
+    const SltProgram *p;
+    const char *name, *why;
+    ParamRef *out;
+    bool found;
+} Find;
+
+static void find_body(Session *s, void *user) {
+    (void)s;
+    Find *f = user;
+    f->found = program_find(f->p->prog, f->name, f->out, &f->why);
+}
+
+SltStatus api_find(const SltProgram *p, const char *name, SltStatus wrong, const char *what, ParamRef *out,
+                   SltError *err) {
+    Session *s = p->session;
+    ArenaMark mark = arena_mark(&s->session);
+    Find f = {.p = p, .name = name, .out = out};
+    int unwound = session_protect(s, find_body, &f);
+    SltStatus status = SLT_OK;
+    if (unwound) status = status_fail(err, (SltStatus)unwound, "%s", s->unwind_text);
+    else if (!f.found) status = status_fail(err, wrong, "%s%s%s", what ? what : "", what ? ": " : "", f.why);
+    arena_reset(&s->session, mark);
+    return status;
+}
+
 static SltStatus find(const SltProgram *p, const char *name, SltParam *out, SltError *err) {
     ParamRef ref;
-    const char *why = NULL;
-    if (!program_find(p->prog, name, &ref, &why))
-        return status_fail(err, SLT_USAGE, "%s", why ? why : "there is no such parameter");
+    SltStatus status = api_find(p, name, SLT_USAGE, NULL, &ref, err);
+    if (status != SLT_OK) return status;
     describe(ref.param, out);
     out->name = name;
     out->type = ref.type ? ref.type->name : out->type;

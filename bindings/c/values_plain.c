@@ -102,25 +102,18 @@ static bool take_value(Plain *r, const Type *t, ShapeCursor *c) {
     }
 }
 
-static bool take_texels(Plain *r, const Param *q, ShapeCursor *c) {
+static bool take_texels(Plain *r, const uint32_t *n, uint32_t dims, ShapeCursor *c) {
+    if (dims == 1) return take_floats(r, *n, c);
     if (!take(r, '[')) return false;
-    for (uint32_t y = 0; y < q->tex_h; y++) {
-        if (y && !take(r, ',')) return false;
-        if (q->tex_c == 1) {
-            if (!take_floats(r, q->tex_w, c)) return false;
-            continue;
-        }
-        if (!take(r, '[')) return false;
-        for (uint32_t x = 0; x < q->tex_w; x++)
-            if ((x && !take(r, ',')) || !take_floats(r, q->tex_c, c)) return false;
-        if (!take(r, ']')) return false;
-    }
+    for (uint32_t k = 0; k < *n; k++)
+        if ((k && !take(r, ',')) || !take_texels(r, n + 1, dims - 1, c)) return false;
     return take(r, ']');
 }
 
 static bool take_param(Plain *r, const Param *q) {
     ShapeCursor c = {q->fbase, q->ibase};
-    return param_is_image(q) ? take_texels(r, q, &c) : take_value(r, q->type, &c);
+    uint32_t n[4];
+    return param_is_image(q) ? take_texels(r, n, param_texel_sizes(q, n), &c) : take_value(r, q->type, &c);
 }
 
 static bool at_end(Plain *r) {

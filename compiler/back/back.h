@@ -31,7 +31,9 @@ typedef enum BackPixels { BACK_FLOATS, BACK_PIXELS_RAW, BACK_PIXELS_SRGB } BackP
 
 typedef struct BackOptions {
     Target target;
-    uint32_t width; /* lanes; 0: chosen from program and target (uniformly for all kernels of a module) */
+    uint32_t width; /* lanes; 0: chosen from program and target (uniformly for all kernels of a module but `few`) */
+    uint64_t few; /* bit by kernel: it is called for few samples at a time, and takes one vector a value; not where the
+                     width is given */
     AdjLayout adj;
     bool no_cache;
     const char *cache_dir; /* NULL: $XDG_CACHE_HOME/saltus or ~/.cache/saltus */

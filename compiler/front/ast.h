@@ -30,6 +30,7 @@ typedef enum TypeKind {
     T_ARRAY,
     T_STRUCT,
     T_TEXTURE,
+    T_TEXTURE3D,
     T_GEOMETRY /* last: methods.def counts its objects from here */
 } TypeKind;
 
@@ -158,7 +159,7 @@ typedef enum Method {
 typedef enum MethodKind { METHOD_SMOOTH, METHOD_JUMPS, METHOD_FIXED } MethodKind;
 typedef struct MethodInfo {
     const char *name;
-    uint32_t object;       /* T_TEXTURE, or T_GEOMETRY + SltGeometryKind */
+    uint32_t object;       /* T_TEXTURE, T_TEXTURE3D, or T_GEOMETRY + SltGeometryKind */
     const char *signature; /* result, then arguments: letters of methods.def */
     MethodKind kind;
     SltQuery query; /* SLT_QUERIES: none */
@@ -258,12 +259,13 @@ struct Symbol {
     uint32_t id;      /* dense within the function (locals, arguments); at file scope how far its check is (param.c) */
     /* parameters */
     ParamAttrs attrs;
-    Func *init_func;              /* = init(f) */
-    const char *asset;            /* = "file", resolved path */
-    bool zeros;                   /* = zeros(w, h[, channels]) */
-    uint32_t tex_w, tex_h, tex_c; /* of textures and geometries that are grids, known at compile time */
-    uint32_t param_index;         /* in Program.params */
-    const char *doc_name;         /* "radius" or "module.name" */
+    Func *init_func;                     /* = init(f) */
+    const char *asset;                   /* = "file", resolved path */
+    bool zeros;                          /* = zeros(w, h[, d][, channels]) */
+    uint32_t tex_w, tex_h, tex_d, tex_c; /* of textures and geometries that are grids, known at compile time; tex_d:
+                                            slices of a texture3D, else 0 */
+    uint32_t param_index;                /* in Program.params */
+    const char *doc_name;                /* "radius" or "module.name" */
     /* as parsed */
     TypeRef *type_ref;
     bool is_const;          /* `const` local: it has an init and is never assigned */
@@ -271,7 +273,7 @@ struct Symbol {
     bool starts_zero;       /* no value is written: zero (GLSL's uniforms) */
     const char *init_name;  /* = init(f): the name f; `init` is NULL then, as for the next two */
     const char *asset_text; /* = "file": the text as written (decoded), `asset` is what the checker resolves it to */
-    Expr **zeros_args;      /* = zeros(w, h[, channels]): 2 or 3 expressions, `zeros` is set */
+    Expr **zeros_args;      /* = zeros(…): 2 to 4 expressions, `zeros` is set */
     uint32_t nzeros_args;
     Span value_span; /* of the f, the string or the whole zeros(...) */
     Symbol *next;    /* consts and params of a module, in order */
@@ -352,6 +354,7 @@ struct Func {
     Span tangent_span;
     Func *tangent;
     bool nodisc; /* [NoDisc] covers the whole body */
+    bool jumps;  /* of the standard library: [Disc] at a call makes sites in it, as of a jumping builtin */
     bool uses_rand;
     /* shaders */
     uint32_t dim; /* 1..3 */
@@ -406,9 +409,10 @@ typedef struct ConstOverride {
 } ConstOverride;
 
 /* Tells the dimensions of an asset before any value is read. Supplied by the caller, so that the compiler does not read
- * images. kind: 't' texture (w, h, c), 'g' grid of numbers (w, h), 'a' table of an array (dims[0..ndims) outermost
- * first). Returns false with *why set. */
-typedef bool AssetProbe(void *user, const char *path, char kind, uint32_t dims[4], uint32_t *ndims, const char **why);
+ * images. `of` is the parameter, with its type: of a texture dims are w, h, c (3D: w, h, d, c), of a geometry w, h, of
+ * an array those of the table, outermost first. Returns false with *why set. */
+typedef bool AssetProbe(void *user, const char *path, const Symbol *of, uint32_t dims[4], uint32_t *ndims,
+                        const char **why);
 
 /* A file from the command line in place of a parameter's own value (`--param discs=@values.csv`): gives open sizes and
  * those of textures. */
@@ -447,8 +451,9 @@ Func *check_program(Session *s, Module *main, const FrontOptions *opt);
 /* type.c: every type but structs (the checker makes those, once each). Scalars (T_ERROR and T_VOID too), vectors,
  * matrices and resources are constants of the library and must not be written to; arrays are interned in the session.
  */
-Type *type_scalar(TypeKind k); /* also T_TEXTURE */
+Type *type_scalar(TypeKind k); /* also T_TEXTURE, T_TEXTURE3D */
 Type *type_geometry(SltGeometryKind k);
+bool type_is_texture(const Type *t);  /* of two or three dimensions */
 bool type_is_resource(const Type *t); /* a texture or a geometry */
 /* The type of a keyword ("float3", "void", "texture2D"), or NULL. */
 Type *type_keyword(const char *name, size_t len);

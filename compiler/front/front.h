@@ -12,17 +12,25 @@ typedef struct Param {
     const char *name; /* "radius", "module.name" */
     Type *type;
     Symbol *sym;
-    uint32_t fbase, fcount; /* slice of the float vector; textures: h*w*c numbers, row 0 the top */
+    uint32_t fbase, fcount; /* slice of the float vector; textures: [d*]h*w*c numbers, row 0 the top */
     uint32_t ibase, icount; /* slice of the int vector */
     bool differentiable;    /* has floats, no [NoDiff] */
     ParamAttrs attrs;
     bool is_texture, is_geometry;
-    uint32_t tex_w, tex_h, tex_c; /* columns, rows, channels */
+    uint32_t tex_w, tex_h, tex_d, tex_c; /* columns, rows, slices of a texture3D (else 0), channels */
     const char *asset; /* file of the first values, which the caller loads; NULL: they are in init_floats, init_ints */
 } Param;
 
-/* Are the parameter's values an image, tex_w x tex_h x tex_c? */
+/* Are the parameter's values an image or a volume, tex_w x tex_h [x tex_d] x tex_c? */
 static inline bool param_is_image(const Param *q) { return q->is_texture || q->is_geometry; }
+/* Its sizes as a nested list has them, outermost first: [slices,] rows, columns[, channels]. Returns how many. */
+static inline uint32_t param_texel_sizes(const Param *q, uint32_t n[4]) {
+    uint32_t k = 0;
+    if (q->tex_d) n[k++] = q->tex_d;
+    n[k++] = q->tex_h, n[k++] = q->tex_w;
+    if (q->tex_c > 1) n[k++] = q->tex_c;
+    return k;
+}
 
 /* One geometry that some query searches; its index in Program.geometries is the query's imm.query.geometry. */
 typedef struct GeometryInfo {
@@ -105,7 +113,7 @@ typedef struct ParamRef {
     uint32_t fbase, fcount; /* the floats named, contiguous */
     uint32_t ibase, icount;
 } ParamRef;
-bool program_find(const Program *p, const char *name, ParamRef *out,
-                  const char **why); /* why suggests the nearest name */
+/* why suggests the nearest name: a text in the session arena, which a name that is found takes nothing of. */
+bool program_find(const Program *p, const char *name, ParamRef *out, const char **why);
 
 #endif

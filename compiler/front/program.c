@@ -88,17 +88,17 @@ static bool step_field(const Program *p, ParamRef *r, const char **at, const cha
     }
     if (t->kind != T_STRUCT)
         return fail(p, why, arena_printf(a, "`%s`: %s has no field `%.*s`", start, t->name, (int)n, name));
-    const char **names = ARENA_ARRAY(a, const char *, t->nfields + 1);
     for (uint32_t k = 0; k < t->nfields; k++) {
         Counts c = counts(t->fields[k].type);
-        names[k] = t->fields[k].name;
-        if (strlen(names[k]) == n && !strncmp(names[k], name, n)) {
+        if (strlen(t->fields[k].name) == n && !strncmp(t->fields[k].name, name, n)) {
             r->fcount = c.f, r->icount = c.i;
             r->type = t->fields[k].type;
             return true;
         }
         r->fbase += c.f, r->ibase += c.i;
     }
+    const char **names = ARENA_ARRAY(a, const char *, t->nfields + 1);
+    for (uint32_t k = 0; k < t->nfields; k++) names[k] = t->fields[k].name;
     const char *near = suggest_nearest(arena_strndup(a, name, n), names, t->nfields);
     return fail(p, why,
                 arena_printf(a, "`%s`: %s has no field `%.*s`%s%s%s", start, t->name, (int)n, name,
@@ -127,6 +127,7 @@ bool program_find(const Program *p, const char *name, ParamRef *out, const char 
     }
     ParamRef r = {q, q->type, q->fbase, q->fcount, q->ibase, q->icount};
     const char *at = name + len;
+    uint32_t size[4], dims = param_texel_sizes(q, size), peeled = 0; /* of texels */
     while (*at) {
         Type *t = r.type;
         if (*at == '[') {
@@ -136,13 +137,10 @@ bool program_find(const Program *p, const char *name, ParamRef *out, const char 
             } else if (t->kind == T_MATRIX) {
                 ok = step_index(p, &r, t->n, type_row(t), (Counts){t->columns, 0}, &at, name, why);
             } else if (param_is_image(q)) {
-                /* texels: [row][column][channel] in one flat vector; each index peels one dimension */
-                uint32_t inner = r.fcount == q->fcount                                     ? q->tex_w * q->tex_c
-                                 : r.fcount == q->tex_w * q->tex_c && r.fcount != q->tex_c ? q->tex_c
-                                                                                           : 1;
-                uint32_t n = r.fcount / (inner ? inner : 1);
-                if (r.fcount <= 1) return fail(p, why, arena_printf(a, "`%s`: too many indices", name));
-                ok = step_index(p, &r, n, q->type, (Counts){inner, 0}, &at, name, why);
+                /* texels in one flat vector; each index peels one dimension */
+                if (peeled == dims) return fail(p, why, arena_printf(a, "`%s`: too many indices", name));
+                uint32_t n = size[peeled++];
+                ok = step_index(p, &r, n, q->type, (Counts){r.fcount / n, 0}, &at, name, why);
             } else {
                 return fail(p, why, arena_printf(a, "`%s`: %s cannot be indexed", name, t->name));
             }

@@ -5,9 +5,9 @@
 #include <string.h>
 
 #define SIMPLE(k, text) [k] = {.kind = k, .name = text}
-static const Type simple[] = {SIMPLE(T_ERROR, "<error>"),    SIMPLE(T_VOID, "void"), SIMPLE(T_BOOL, "bool"),
-                              SIMPLE(T_INT, "int"),          SIMPLE(T_UINT, "uint"), SIMPLE(T_FLOAT, "float"),
-                              SIMPLE(T_TEXTURE, "texture2D")};
+static const Type simple[] = {SIMPLE(T_ERROR, "<error>"),     SIMPLE(T_VOID, "void"),          SIMPLE(T_BOOL, "bool"),
+                              SIMPLE(T_INT, "int"),           SIMPLE(T_UINT, "uint"),          SIMPLE(T_FLOAT, "float"),
+                              SIMPLE(T_TEXTURE, "texture2D"), SIMPLE(T_TEXTURE3D, "texture3D")};
 static const Type geometries[] = {
 #define GEOMETRY(id, text, ...) {.kind = T_GEOMETRY, .n = SLT_GEOMETRY_##id, .name = #text},
 #include "saltus/geometries.def"
@@ -22,6 +22,7 @@ const GeometryType geometry_types[SLT_GEOMETRIES] = {
 
 enum {
     OBJECT_TEXTURE = T_TEXTURE,
+    OBJECT_TEXTURE3D = T_TEXTURE3D,
 #define GEOMETRY(id, ...) OBJECT_##id = T_GEOMETRY + SLT_GEOMETRY_##id,
 #include "saltus/geometries.def"
 #undef GEOMETRY
@@ -49,7 +50,8 @@ _Static_assert(T_FLOAT - T_BOOL == 3, "vectors are indexed by scalar kind");
  * constants is a fault. */
 Type *type_scalar(TypeKind k) { return (Type *)&simple[k]; }
 Type *type_geometry(SltGeometryKind k) { return (Type *)&geometries[k]; }
-bool type_is_resource(const Type *t) { return t->kind == T_TEXTURE || t->kind == T_GEOMETRY; }
+bool type_is_texture(const Type *t) { return t->kind == T_TEXTURE || t->kind == T_TEXTURE3D; }
+bool type_is_resource(const Type *t) { return type_is_texture(t) || t->kind == T_GEOMETRY; }
 
 Type *type_vector(Session *s, TypeKind elem, uint32_t n) {
     if (elem < T_BOOL || elem > T_FLOAT || n < 2 || n > 4) ice(s, "no vector of %u elements of kind %d", n, (int)elem);
@@ -68,6 +70,7 @@ Type *type_keyword(const char *name, size_t len) {
     if (strlen((t).name) == len && !memcmp((t).name, name, len)) return (Type *)&(t)
     for (TypeKind k = T_VOID; k <= T_FLOAT; k++) TRY(simple[k]);
     TRY(simple[T_TEXTURE]);
+    TRY(simple[T_TEXTURE3D]);
     for (int k = 0; k < SLT_GEOMETRIES; k++) TRY(geometries[k]);
     for (int k = 0; k < 4; k++)
         for (int n = 0; n < 3; n++) TRY(vectors[k][n]);
@@ -109,6 +112,7 @@ uint32_t type_components(const Type *t) {
     case T_ERROR:
     case T_VOID:
     case T_TEXTURE:
+    case T_TEXTURE3D:
     case T_GEOMETRY: return 0;
     case T_BOOL:
     case T_INT:

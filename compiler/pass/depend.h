@@ -44,4 +44,12 @@ bool depend_merge(Depend *to, const Depend *from);
 /* site[nsites] gets the DEPENDS_* flags of the boundary function of each site, with whole_loops. Numbers the Fn. */
 void depend_sites(Fn *fn, const uint8_t *wrt, uint8_t *site);
 
+/* Two sites whose g are one, up to a factor, where some parameters are equal: twins.c. */
+typedef struct Twins {
+    uint32_t site[2];
+    double times; /* g of the second is so many times that of the first */
+} Twins;
+/* How many; *out, in the arena, are they. None of more than 64 sites. Numbers the Fn. */
+uint32_t depend_twins(Fn *fn, Arena *arena, Twins **out);
+
 #endif

@@ -238,6 +238,7 @@ static Fn *on_boxes(PassCtx *ctx, const Fn *from, const char *name, BoxKernel ki
         for (uint32_t k = 0; k < wanted; k++) bounds_want_error(&x, from->body->last->args[k]);
     }
     bounds_facts(&x);
+    bounds_find_rivals(&x, n + 1);
     Builder b = ir_at_end(to, to->body);
     if (kind == OF_VALUE) make_room(&x, &b);
     bounds_block(&x, &b, from->body);

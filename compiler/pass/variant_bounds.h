@@ -2,7 +2,8 @@
  *
  *   variant_bounds.c         the kernels bounds and edge_bounds: inputs, outputs
  *   variant_bounds_facts.c   which values differ within a box at all, and which may depend on something open
- *   variant_bounds_value.c   one operation; decisions and the events they record; what a condition teaches
+ *   variant_bounds_value.c   one operation; decisions and the events they record
+ *   variant_bounds_learn.c   what a condition teaches
  *   variant_bounds_remainder.c  x - y * floor(x / y), whose parts follow each other
  *   variant_bounds_error.c   how far a value as computed is from what exact arithmetic gives
  *   variant_bounds_flow.c    if_ and loop
@@ -76,16 +77,17 @@ typedef struct Boxes {
     const Fn *from; /* dense ids */
     Fn *to;
     Arena *arena;
-    bool edges;        /* edge_bounds, prune: nothing is recorded */
-    bool ends_alone;   /* prune: chunks hand on lower and upper ends, and nothing else */
-    uint8_t *fact;     /* by id: FACT_* */
-    bool *wanted;      /* by id: its error is; NULL: no error is */
-    bool wants_given;  /* ... and those of all that chunks give */
-    Boxed *value;      /* by id */
-    Inst **answer;     /* by id of a query: what is known of its rays */
-    Goal *goal;        /* by id of the if_ */
-    Boxed *given;      /* by id of a result of an if_ with a goal: its value where that holds */
-    BoxedArray *array; /* by id of the alloc */
+    bool edges;         /* edge_bounds, prune: nothing is recorded */
+    bool ends_alone;    /* prune: chunks hand on lower and upper ends, and nothing else */
+    uint8_t *fact;      /* by id: FACT_* */
+    bool *wanted;       /* by id: its error is; NULL: no error is */
+    bool wants_given;   /* ... and those of all that chunks give */
+    Boxed *value;       /* by id */
+    const Inst **rival; /* by id of a comparison with what is the same on all of the box: the next one of that value */
+    Inst **answer;      /* by id of a query: what is known of its rays */
+    Goal *goal;         /* by id of the if_ */
+    Boxed *given;       /* by id of a result of an if_ with a goal: its value where that holds */
+    BoxedArray *array;  /* by id of the alloc */
     Vec(PathStep) path;
     Vec(Undo) undo;
     /* Arrays of the events recorded so far; slots elements and one for those beyond. NULL: none can be recorded. */
@@ -114,9 +116,6 @@ Inst *bounds_op2(Builder *b, Op op, Inst *p, Inst *q);
 Inst *bounds_choose(Builder *b, Inst *cond, Inst *p, Inst *q);
 Inst *bounds_not(Builder *b, Inst *p);
 Inst *bounds_and(Builder *b, Inst *p, Inst *q); /* NULL is true */
-/* Narrows the bounds of what `cond` compares to where it is `truth`; bounds_forget takes that back. */
-uint32_t bounds_learn(Boxes *x, Builder *b, const Inst *cond, bool truth);
-void bounds_forget(Boxes *x, uint32_t mark);
 /* What a choice between two values adds to the set of its result: what the condition hangs on, or only a bend where the
  * two are equal on the boundary. */
 Inst *bounds_choice_open(Boxes *x, Builder *b, const Inst *cond, const Inst *yes, const Inst *no);
@@ -124,6 +123,16 @@ Inst *bounds_choice_open(Boxes *x, Builder *b, const Inst *cond, const Inst *yes
 Boxed bounds_nothing(Builder *b);
 Inst *bounds_is_nothing(Builder *b, Bound v);
 static inline Inst *bounds_undecided(Builder *b, Bound c) { return bounds_op2(b, OP_bxor, c.lo, c.hi); }
+
+/* variant_bounds_learn.c */
+/* Boxes.rival; after bounds_facts. n: ids. */
+void bounds_find_rivals(Boxes *x, uint32_t n);
+/* Narrows the bounds of what `cond` compares to where it is `truth`; bounds_forget takes that back. */
+uint32_t bounds_learn(Boxes *x, Builder *b, const Inst *cond, bool truth);
+void bounds_forget(Boxes *x, uint32_t mark);
+/* A decision that may be given instead (variant_given.c): by a condition and a value that are the same on all of the
+ * box. */
+bool bounds_may_be_given(const Boxes *x, const Inst *v);
 
 /* variant_bounds_remainder.c */
 /* Bounds of row i, where it is a remainder; else what the row says. */

@@ -142,79 +142,102 @@ void bounds_acopy(Boxes *x, Builder *b, const Inst *i) {
 
 /* ---- parameters */
 
-/* An index as row * stride + column, each with its bounds, as textures and arrays of structs have it. */
+enum { AXES = 3 };
+
+/* An index as a sum of factors times what has bounds of its own, and of what is one number: slice, row and column of a
+ * texture, elements and fields of nested arrays. */
 typedef struct Grid {
-    Bound row, column;
-    Inst *stride; /* NULL: one row */
+    struct {
+        Bound at;
+        int32_t factor;
+    } axis[AXES];
+    uint32_t axes;
+    Inst *rest; /* NULL: nothing */
 } Grid;
 
-static bool is_stride(const Inst *i) {
-    return i->op == OP_imul && (ir_is_const(i->args[0]) || ir_is_const(i->args[1]));
+static Inst *times(Builder *b, Inst *v, int32_t factor) {
+    return factor == 1 ? v : bounds_op2(b, OP_imul, v, ir_consti(b, factor));
 }
 
-static const Inst *find_rows(const Boxes *x, const Inst *i) {
-    if (!bounds_wide(x, i)) return NULL;
-    if (is_stride(i)) return i;
-    if (i->op != OP_iadd) return NULL;
-    const Inst *rows = find_rows(x, i->args[0]);
-    return rows ? rows : find_rows(x, i->args[1]);
+static Inst *plus(Builder *b, Inst *v, Inst *w) { return v ? bounds_op2(b, OP_iadd, v, w) : w; }
+
+/* Adds factor * i; false where there are more axes than that. */
+static bool add_axes(Boxes *x, Builder *b, Grid *g, const Inst *i, int64_t factor) {
+    if (factor > INT32_MAX || factor < INT32_MIN) return false;
+    if (!bounds_wide(x, i)) {
+        g->rest = plus(b, g->rest, times(b, x->value[i->id].is.lo, (int32_t)factor));
+        return true;
+    }
+    if (i->op == OP_iadd) return add_axes(x, b, g, i->args[0], factor) && add_axes(x, b, g, i->args[1], factor);
+    if (i->op == OP_imul)
+        for (uint32_t k = 0; k < 2; k++)
+            if (ir_is_const(i->args[k])) return add_axes(x, b, g, i->args[1 - k], factor * i->args[k]->imm.i);
+    Bound at = x->value[i->id].is;
+    for (uint32_t k = 0; k < g->axes; k++)
+        if (g->axis[k].factor == factor) {
+            g->axis[k].at = ir_bound_row(b, OP_iadd, (Bound[]){g->axis[k].at, at}, 2, 0);
+            return true;
+        }
+    if (g->axes == AXES) return false;
+    g->axis[g->axes].at = at, g->axis[g->axes++].factor = (int32_t)factor;
+    return true;
 }
 
-/* Bounds of i without the term `rows`; NULL ends: it is nothing else. */
-static Bound without(Boxes *x, Builder *b, const Inst *i, const Inst *rows) {
-    if (i == rows) return (Bound){0};
-    if (i->op != OP_iadd || !bounds_wide(x, i)) return x->value[i->id].is;
-    Bound p = without(x, b, i->args[0], rows), q = without(x, b, i->args[1], rows);
-    return !p.lo ? q : !q.lo ? p : ir_bound_row(b, OP_iadd, (Bound[]){p, q}, 2, 0);
+static Grid grid_of(Boxes *x, Builder *b, const Inst *index, uint32_t count) {
+    Grid g = {0};
+    if (add_axes(x, b, &g, index, 1) && (g.axes != 1 || g.rest || g.axis[0].factor != 1)) return g;
+    Bound at = x->value[index->id].is;
+    return (Grid){.axis = {{{clamped(b, at.lo, count), clamped(b, at.hi, count)}, 1}}, .axes = 1};
 }
 
-static Grid grid_of(Boxes *x, Builder *b, const Inst *index) {
-    const Inst *rows = find_rows(x, index);
-    if (!rows) return (Grid){.column = x->value[index->id].is};
-    uint32_t factor = ir_is_const(rows->args[0]) ? 0 : 1;
-    Grid g = {.row = x->value[rows->args[1 - factor]->id].is, .column = without(x, b, index, rows)};
-    g.stride = ir_consti(b, (int32_t)rows->args[factor]->imm.i);
-    if (!g.column.lo) g.column = ir_bound_point(ir_consti(b, 0));
-    return g;
+static Inst *grid_index(Builder *b, const Grid *g, Inst *const at[]) {
+    Inst *sum = g->rest;
+    for (uint32_t k = 0; k < g->axes; k++) sum = plus(b, sum, times(b, at[k], g->axis[k].factor));
+    return sum;
 }
 
 /* All that index may be, joined, one by one; whole where that is too many. */
 void bounds_param(Boxes *x, Builder *b, const Inst *i) {
-    uint32_t count = i->imm.slot.count;
     Boxed at = x->value[i->args[0]->id];
     if (!bounds_wide(x, i->args[0])) {
         Inst *v = ir_special(b, (Op)i->op, (IrType)i->type, 1, &at.is.lo, i->imm);
         x->value[i->id] = (Boxed){.is = {v, v}};
         return;
     }
-    Grid g = grid_of(x, b, i->args[0]);
-    if (!g.stride) g.column = (Bound){clamped(b, g.column.lo, count), clamped(b, g.column.hi, count)};
-    Inst *none = ir_consti(b, 0), *most = ir_consti(b, SPAN),
-         *columns = bounds_op2(b, OP_isub, g.column.hi, g.column.lo);
-    Inst *few = bounds_op2(b, OP_ult, columns, most), *row = none, *last_row = none;
-    if (g.stride) {
-        Inst *rows = bounds_op2(b, OP_isub, g.row.hi, g.row.lo);
-        Inst *cells = bounds_op2(b, OP_imul, next_index(b, rows), next_index(b, columns));
-        few = bounds_and(b, bounds_and(b, few, bounds_op2(b, OP_ult, rows, most)), bounds_op2(b, OP_ile, cells, most));
-        row = g.row.lo, last_row = bounds_choose(b, few, g.row.hi, g.row.lo);
+    Grid g = grid_of(x, b, i->args[0], i->imm.slot.count);
+    Inst *most = ir_consti(b, SPAN), *few = NULL, *cells = NULL, *init[AXES + 2], *last[AXES];
+    for (uint32_t k = 0; k < g.axes; k++) {
+        Inst *steps = bounds_op2(b, OP_isub, g.axis[k].at.hi, g.axis[k].at.lo);
+        few = bounds_and(b, few, bounds_op2(b, OP_ult, steps, most));
+        cells = cells ? bounds_op2(b, OP_imul, cells, next_index(b, steps)) : next_index(b, steps);
     }
-    Inst *last = bounds_choose(b, few, g.column.hi, g.column.lo), *first = g.column.lo;
-    Inst *start = g.stride ? ir_emit2(b, OP_iadd, ir_emit2(b, OP_imul, row, g.stride), first) : first;
-    Inst *v = ir_special(b, (Op)i->op, (IrType)i->type, 1, &start, i->imm);
-    Inst *init[4] = {row, first, v, v};
-    Inst *loop = ir_loop(b, 4, init, (LoopInfo){.max_iters = SPAN});
-    Inst **p = loop->region[0]->params;
+    if (g.axes > 1) few = bounds_and(b, few, bounds_op2(b, OP_ile, cells, most));
+    for (uint32_t k = 0; k < g.axes; k++) {
+        init[k] = g.axis[k].at.lo;
+        last[k] = bounds_choose(b, few, g.axis[k].at.hi, g.axis[k].at.lo);
+    }
+    Inst *start = grid_index(b, &g, init);
+    init[g.axes] = init[g.axes + 1] = ir_special(b, (Op)i->op, (IrType)i->type, 1, &start, i->imm);
+    Inst *loop = ir_loop(b, g.axes + 2, init, (LoopInfo){.max_iters = SPAN});
+    Inst **p = loop->region[0]->params + 1, *yield[AXES + 3];
     Builder in = ir_at_end(x->to, loop->region[0]);
-    Inst *index = g.stride ? ir_emit2(&in, OP_iadd, ir_emit2(&in, OP_imul, p[1], g.stride), p[2]) : p[2];
-    v = ir_special(&in, (Op)i->op, (IrType)i->type, 1, &index, i->imm);
-    Bound hull = ir_bound_hull(&in, (Bound){p[3], p[4]}, (Bound){v, v});
-    Inst *more = ir_emit2(&in, OP_ilt, p[2], last), *below = ir_emit2(&in, OP_ilt, p[1], last_row);
-    Inst *yield[5] = {bounds_op2(&in, OP_bor, more, below), bounds_choose(&in, more, p[1], next_index(&in, p[1])),
-                      bounds_choose(&in, more, next_index(&in, p[2]), first), hull.lo, hull.hi};
-    ir_yield(&in, 5, yield);
+    Inst *index = grid_index(&in, &g, p);
+    Inst *v = ir_special(&in, (Op)i->op, (IrType)i->type, 1, &index, i->imm);
+    Bound hull = ir_bound_hull(&in, (Bound){p[g.axes], p[g.axes + 1]}, (Bound){v, v});
+    /* As an odometer: an axis goes on where all before it begin again. */
+    Inst *carry = NULL, *any = NULL;
+    for (uint32_t k = 0; k < g.axes; k++) {
+        Inst *more = ir_emit2(&in, OP_ilt, p[k], last[k]), *step = bounds_and(&in, carry, more);
+        Inst *again = bounds_choose(&in, more, next_index(&in, p[k]), init[k]);
+        yield[k + 1] = carry ? bounds_choose(&in, carry, again, p[k]) : again;
+        any = any ? bounds_op2(&in, OP_bor, any, step) : step;
+        carry = bounds_and(&in, carry, ir_emit1(&in, OP_bnot, more));
+    }
+    yield[0] = any, yield[g.axes + 1] = hull.lo, yield[g.axes + 2] = hull.hi;
+    ir_yield(&in, g.axes + 3, yield);
     Bound whole = ir_bound_whole(b, (IrType)i->type);
     Boxed r = {.open = at.open};
-    r.is.lo = bounds_choose(b, few, ir_proj(b, loop, 2), whole.lo);
-    r.is.hi = bounds_choose(b, few, ir_proj(b, loop, 3), whole.hi);
+    r.is.lo = bounds_choose(b, few, ir_proj(b, loop, g.axes), whole.lo);
+    r.is.hi = bounds_choose(b, few, ir_proj(b, loop, g.axes + 1), whole.hi);
     x->value[i->id] = r;
 }

@@ -47,131 +47,10 @@ static Inst *bits_where(Builder *b, Inst *cond, int32_t bits) {
 }
 
 static Inst *number(Builder *b, double v) { return ir_constf(b, v); }
-static Inst *less(Builder *b, Inst *p, Inst *q) { return bounds_op2(b, OP_flt, p, q); }
 static Inst *not_above(Builder *b, Inst *p, Inst *q) { return bounds_op2(b, OP_fle, p, q); }
 
 /* Nothing is known of it: it may be NaN. */
 static Inst *is_unknown(Builder *b, Bound v) { return bounds_not(b, ir_bound_is_number(b, v)); }
-
-/* ---- what a condition teaches */
-
-static void override(Boxes *x, const Inst *v, Boxed to) {
-    vec_push(x->arena, &x->undo, ((Undo){v->id, x->value[v->id]}));
-    x->value[v->id] = to;
-}
-
-static void raise_lo(Boxes *x, const Inst *v, Inst *lo) {
-    Boxed to = x->value[v->id];
-    to.is.lo = lo;
-    override(x, v, to);
-}
-
-static void lower_hi(Boxes *x, const Inst *v, Inst *hi) {
-    Boxed to = x->value[v->id];
-    to.is.hi = hi;
-    override(x, v, to);
-}
-
-/* Ends that hold one by one. */
-static Bound ends(Builder *b, Bound v) { return v.lo == v.hi ? v : ir_bound_ends(b, v); }
-
-/* p < q or p <= q holds: neither is NaN. An end that is NaN stays: nothing is known of the other either. */
-static void learn_below(Boxes *x, Builder *b, const Inst *p, const Inst *q) {
-    Bound vp = x->value[p->id].is, vq = x->value[q->id].is;
-    bool floats = p->type == TY_FLT;
-    Bound ep = floats ? ends(b, vp) : vp, eq = floats ? ends(b, vq) : vq;
-    if (bounds_wide(x, p)) lower_hi(x, p, ir_emit2(b, floats ? OP_fmin : OP_imin, vp.hi, eq.hi));
-    if (bounds_wide(x, q)) raise_lo(x, q, ir_emit2(b, floats ? OP_fmax : OP_imax, vq.lo, ep.lo));
-}
-
-/* p < q or p <= q does not hold. Of a NaN that would say nothing; the end taken over proves that the other operand is
- * none. */
-static void learn_not_below(Boxes *x, Builder *b, const Inst *p, const Inst *q) {
-    if (p->type != TY_FLT) {
-        learn_below(x, b, q, p);
-        return;
-    }
-    Bound vp = x->value[p->id].is, vq = x->value[q->id].is;
-    Bound ep = ends(b, vp), eq = ends(b, vq);
-    if (bounds_wide(x, q)) {
-        Inst *better = bounds_op2(b, OP_band, less(b, ep.hi, vq.hi), ir_bound_is_number(b, vq));
-        lower_hi(x, q, bounds_choose(b, better, ep.hi, vq.hi));
-    }
-    if (bounds_wide(x, p)) {
-        Inst *better = bounds_op2(b, OP_band, less(b, vp.lo, eq.lo), ir_bound_is_number(b, vp));
-        raise_lo(x, p, bounds_choose(b, better, eq.lo, vp.lo));
-    }
-}
-
-/* A decision that may be given instead (variant_given.c): by a condition and a value that are the same on all of the
- * box.
- */
-static bool may_be_given(const Boxes *x, const Inst *v) {
-    return v->op == OP_bsel && !bounds_wide(x, v->args[0]) && !bounds_wide(x, v->args[1]);
-}
-
-static void learn(Boxes *x, Builder *b, const Inst *cond, bool truth);
-
-/* One that is given says nothing of what it compares. */
-static void learn_unless_given(Boxes *x, Builder *b, const Inst *cond, bool truth) {
-    Inst *given = x->value[cond->args[0]->id].is.lo;
-    uint32_t mark = x->undo.len;
-    learn(x, b, cond->args[2], truth);
-    for (uint32_t k = x->undo.len; k-- > mark;) {
-        Bound was = x->undo.data[k].was.is, *is = &x->value[x->undo.data[k].id].is;
-        is->lo = bounds_choose(b, given, was.lo, is->lo);
-        is->hi = bounds_choose(b, given, was.hi, is->hi);
-    }
-}
-
-static void learn(Boxes *x, Builder *b, const Inst *cond, bool truth) {
-    if (!bounds_wide(x, cond)) return;
-    const Inst *p = cond->nargs > 0 ? cond->args[0] : NULL, *q = cond->nargs > 1 ? cond->args[1] : NULL;
-    switch ((Op)cond->op) {
-    case OP_site:
-    case OP_bnot: learn(x, b, p, cond->op == OP_bnot ? !truth : truth); break;
-    case OP_bsel:
-        if (may_be_given(x, cond)) learn_unless_given(x, b, cond, truth);
-        break;
-    case OP_band:
-        if (truth) learn(x, b, p, true), learn(x, b, q, true);
-        break;
-    case OP_bor:
-        if (!truth) learn(x, b, p, false), learn(x, b, q, false);
-        break;
-    case OP_flt:
-    case OP_fle:
-    case OP_ilt:
-    case OP_ile:
-        if (truth) learn_below(x, b, p, q);
-        else learn_not_below(x, b, p, q);
-        break;
-    case OP_feq:
-    case OP_ieq:
-        if (truth) learn_below(x, b, p, q), learn_below(x, b, q, p);
-        break;
-    case OP_fne:
-    case OP_ine:
-        if (!truth) learn_below(x, b, p, q), learn_below(x, b, q, p);
-        break;
-    default: break;
-    }
-    Inst *known = ir_constb(b, truth);
-    override(x, cond, (Boxed){.is = {known, known}});
-}
-
-uint32_t bounds_learn(Boxes *x, Builder *b, const Inst *cond, bool truth) {
-    uint32_t mark = x->undo.len;
-    learn(x, b, cond, truth);
-    return mark;
-}
-
-void bounds_forget(Boxes *x, uint32_t mark) {
-    while (x->undo.len > mark) {
-        Undo u = x->undo.data[--x->undo.len];
-        x->value[u.id] = u.was;
-    }
-}
 
 /* ---- capture */
 
@@ -195,7 +74,7 @@ static bool is_first_nothing(const Boxes *x, const Inst *i) {
 /* ---- choices */
 
 static const Inst *comparison(const Boxes *x, const Inst *cond) {
-    while (cond->op == OP_site || may_be_given(x, cond)) cond = cond->args[cond->op == OP_site ? 0 : 2];
+    while (cond->op == OP_site || bounds_may_be_given(x, cond)) cond = cond->args[cond->op == OP_site ? 0 : 2];
     return cond;
 }
 

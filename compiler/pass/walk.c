@@ -15,6 +15,12 @@ uint32_t walk_size(const Block *b) {
     return n;
 }
 
+bool walk_is_indexed(const Inst *v, uint32_t depth) {
+    bool indexed = v->op == OP_arg;
+    for (uint32_t a = 0; a < v->nargs && depth && !indexed; a++) indexed = walk_is_indexed(v->args[a], depth - 1);
+    return indexed;
+}
+
 uint32_t walk_fn_size(const Fn *fn) {
     uint32_t n = 0;
     for (; fn; fn = fn->next_part) n += walk_size(fn->body);

@@ -16,6 +16,9 @@ bool walk_can_leave_out(const Fn *fn, const Inst *loop);
 /* Is block `inner` equal to `outer` or somewhere inside one of its regions? */
 bool walk_inside(const Block *inner, const Block *outer);
 
+/* Is it made, in so many operations, of what a loop carries, or its number? */
+bool walk_is_indexed(const Inst *v, uint32_t depth);
+
 /* Rewrites the operands of i through map (ids), following chains. */
 void walk_remap(Inst *i, Inst **map);
 

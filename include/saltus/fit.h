@@ -28,9 +28,13 @@ extern "C" {
 typedef struct SltFitView {
     size_t struct_size;   /* in an array of views also the distance in bytes from one to the next */
     const float *target;  /* the image to match, at the job's size. NULL where SltFitOptions.loss is set */
-    const float *mask;    /* of the same shape: weights of the squared differences; NULL: 1 */
+    const float *mask;    /* of the same shape: weights of the differences; NULL: 1 */
     const SltSet *values; /* [nvalues]: values, as slt_set_text takes them, that parameters have in this view alone */
     uint32_t nvalues;
+    /* Another program, often the same source with another entry, draws this view: its parameters of the same name have
+     * the fit's values, the others keep their own, and `values` are of it. Of the same dimension; NULL: the fit's own.
+     * Until slt_fit_end it may not be freed, and slt_wrt of it is the fit's. */
+    SltProgram *program;
 } SltFitView;
 #define SLT_FIT_VIEW_INIT ((SltFitView){.struct_size = sizeof(SltFitView)})
 
@@ -41,7 +45,8 @@ typedef struct SltFitNumber {
 } SltFitNumber;
 
 /* Factors of a parameter's learning rate, one for each cell of its grid: 0 holds the cell, 1 moves it, between is
- * slower. The grid of a texture or heightfield is its width and height; of any other parameter the rows and columns of
+ * slower. The grid of a texture or heightfield is its width and height (of a
+ * texture3D its slices below each other); of any other parameter the rows and columns of
  * its elements. */
 typedef struct SltFitMask {
     const char *name; /* of the parameter */
@@ -75,14 +80,21 @@ typedef struct SltFitIteration {
 } SltFitIteration;
 typedef bool SltFitIterated(void *user, const SltFitIteration *at); /* true: stop here */
 
+/* What a difference d between image and target weighs. */
+typedef enum SltFitMetric {
+    SLT_FIT_L2,   /* d^2 */
+    SLT_FIT_L1,   /* |d| */
+    SLT_FIT_HUBER /* d^2 / 2 up to |d| = delta, from there on delta (|d| - delta / 2) */
+} SltFitMetric;
+
 typedef struct SltFitOptions {
     size_t struct_size;
     /* Size, samples, filter, seed, threads, estimator of every estimate. time_limit and cancel hold for the whole fit;
      * progress, floats and ints do not count. NULL: SLT_JOB_INIT. */
     const SltJob *job;
-    /* The loss is one of three. With views alone: the mean of slt_grad_loss over them. With `loss`: the mean of what it
-     * says of every view's image (without views, of the one image of the program). With minimize: the integral of the
-     * entry, its channels added (job.samples 0: 2^18). */
+    /* The loss is one of three. With views alone: the mean of slt_grad_loss over them, or of `metric`. With `loss`: the
+     * mean of what it says of every view's image (without views, of the one image of the program). With minimize: the
+     * integral of the entry, its channels added (job.samples 0: 2^18). */
     const SltFitView *views; /* [nviews] */
     uint32_t nviews;
     SltFitLoss *loss;
@@ -115,6 +127,13 @@ typedef struct SltFitOptions {
     SltFitIterated *iterated; /* called after every evaluation, before the optimiser's step; may be NULL */
     void *iterated_user;
     SltStats *stats; /* the caller's until slt_fit_end: counts of all estimates are added to it; may be NULL */
+    /* Of views alone: the mean over pixels and channels of mask * metric(image - target). The derivatives of L1 and
+     * Huber are of other samples than the image that they weigh. */
+    SltFitMetric metric;
+    double huber_delta; /* > 0: 0.1 */
+    /* A function `float NAME(floatC image, floatC target)` of the program, C its channels: the loss is its mean over
+     * pixels, weighed by the masks. It is differentiated as it is between its jumps. NULL: the metric is the loss. */
+    const char *loss_entry;
 } SltFitOptions;
 #define SLT_FIT_OPTIONS_INIT ((SltFitOptions){.struct_size = sizeof(SltFitOptions), .iterations = 200, .every = 10})
 

@@ -120,6 +120,8 @@ typedef struct SltStats {
     SltPlace dropped_at[SLT_DROP_REASONS]; /* and the site or the decision that is to blame */
     SltPlace nonfinite_at;                 /* the first value of an image, in its order, or a point of an integral or
                                               of a derivative; and the operation that made it of finite numbers */
+    double singular; /* error that is stated because a few samples, or crossings, beside which f is a small power of the
+                        distance hold much of a derivative, in parts of the largest; 0: none do */
 } SltStats;
 enum { SLT_FEW_ULPS = 32 };
 #define SLT_STATS_INIT ((SltStats){.struct_size = sizeof(SltStats)})

@@ -112,7 +112,7 @@ typedef struct SltDiagnostic {
 uint32_t slt_diagnostic_count(const SltProgram *p);
 bool slt_diagnostic(const SltProgram *p, uint32_t index, SltDiagnostic *out);
 /* All diagnostics: as the command prints them; as JSON, one LSP Diagnostic a line. The string is valid until the same
- * function is called again. */
+ * function is called again. p may be NULL: then memory had run out, and they say so. */
 const char *slt_diagnostics_text(SltProgram *p);
 const char *slt_diagnostics_json(SltProgram *p);
 /* What went wrong where no diagnostic says so (limits, inputs). p may be NULL, as slt_compile_* leaves it when memory
@@ -137,7 +137,8 @@ enum { SLT_MAX_RANK = 8 };
 
 /* A parameter, or a part of one: an array of shape[rank] of numbers or structs, row by row, in the vector of floats
  * from fbase on and in that of integers from ibase on. float3 has the shape [3], Disc[200] [200], float2x2[5] [5, 2,
- * 2], a heightfield [rows, columns], a texture [rows, columns] or [rows, columns, channels], a float none (rank 0). */
+ * 2], a heightfield [rows, columns], a texture [rows, columns] or [rows, columns, channels], a texture3D these behind
+ * [slices], a float none (rank 0). */
 typedef struct SltParam {
     size_t struct_size;
     const char *name;                      /* from slt_param_find: the string that the caller passed */
@@ -156,6 +157,7 @@ typedef struct SltParam {
     bool has_extent;           /* of a heightfield: [Extent] was given */
     double extent[4];          /* x0, y0, x1, y1 of [Extent] */
     double height_scale, height_offset; /* of a heightfield: height = scale * raw + offset ([Height]); else 1 and 0 */
+    uint32_t tex_d;                     /* slices of a texture3D, else 0 */
 } SltParam;
 #define SLT_PARAM_INIT ((SltParam){.struct_size = sizeof(SltParam)})
 uint32_t slt_param_count(const SltProgram *p);

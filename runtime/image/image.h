@@ -169,6 +169,19 @@ void npy_free(NumArray *a);
 /* Writes C-ordered data of rank 1 to 4 as float64 (wide) or float32. */
 SltStatus npy_write(const char *path, int rank, const size_t *shape, const double *data, bool wide, SltError *err);
 
+/* volume.c ------------------------------------------------------------------------------------ */
+
+/* A volume is an Image of its slices below each other, z = 0 first: depth * rows rows. Read from a .npy (slices x rows
+ * x columns [x channels]), a folder (its .exr files by name, a slice each), a pattern (slice%04d.exr, from 0 or 1 on),
+ * or an EXR that volume_write made. */
+SltStatus volume_read(const char *path, const ImageReadOptions *opt, Image *out, int *depth, SltError *err);
+/* By the same names: a folder (one that is there, or a name that ends in `/`: 0000.exr and on), a pattern, a .npy, or
+ * one picture, which gets the attribute `slices`. */
+SltStatus volume_write(const char *path, Image *im, int depth, const ImageWriteOptions *opt, SltError *err);
+bool volume_can_write(const char *path);
+/* Does the path name several files, a folder or a pattern? */
+bool volume_is_stack(const char *path);
+
 /* table.c ------------------------------------------------------------------------------------- */
 
 typedef struct Table {

@@ -13,7 +13,8 @@
 
 /* Units in the last place: */
 #define WIDE 8   /* what lies between roots so far apart, and farther than half the bound of rounding, is no chance of it; */
-#define APART 16 /* curves that were moved so far from each other can be told apart */
+#define APART 16 /* curves that were moved so far from each other can be told apart, */
+#define FAR 64   /* and so far they are no two that move alike, up to what rounding makes of moves */
 
 static bool is_site(const Cells *c, const Root *r) { return (uint32_t)r->of->event.site < c->s->nsites; }
 
@@ -131,7 +132,7 @@ static bool look_between(Cells *c, uint32_t *n) {
 
 /* What the jump of a root is, upwards, after one move; told: the two curves came apart, and nothing else is near. */
 typedef struct Order {
-    bool told, seen;
+    bool told, seen, far;
     double jump[SLT_MAX_CHANNELS];
 } Order;
 
@@ -157,6 +158,7 @@ static bool see(Cells *c, const SltScene *moved, uint32_t from, uint32_t n, Orde
         double at = s->x[s->axis], r = at - p->g / p->dg[s->axis], t = at - q->g / q->dg[s->axis], d = fabs(r - t);
         double place[PLACES] = {smaller(r, t) - 0.5 * d, 0.5 * (r + t), larger(r, t) + 0.5 * d};
         lower[i] = r < t;
+        order[i].far = d >= FAR * unit_at(c, s);
         order[i].told =
             d >= APART * unit_at(c, s) && place[0] > c->lo[s->axis] && place[2] < c->hi[s->axis]; /* NaN is not */
         for (uint32_t k = 0; k < PLACES; k++) {
@@ -191,16 +193,25 @@ static bool keep_way(Cells *c, Root *r, const Order order[2], uint32_t move, dou
     return cells_keep_kink(c, r, move, (const bool[2]){order[0].seen, order[1].seen}, up, hidden);
 }
 
+/* Does one of them jump by something else in the one order than in the other? */
+static bool differ(const Cells *c, const Order order[2]) {
+    bool differ = false;
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) {
+        double p = order[0].jump[ch], q = order[1].jump[ch];
+        differ |= fabs(p - q) > 0x1p-10 * (fabs(p) + fabs(q));
+    }
+    return differ && order[0].far && order[1].far;
+}
+
 /* They have a kink where they are one curve. What is a band all the same, thinner than rounding, is not certified. Of
- * different events the mean of the two orders is given already: that it is a kink is told, in f64. In f32 those that
- * move alike may come apart by what rounding makes of moves. */
+ * different events the mean of the two orders is given already: where they differ that it is a kink is told. */
 static bool keep_ways(Cells *c, Root *r, Root *stood, const Order order[2], uint32_t move) {
     bool one;
     if (c->prunes || !cells_has_room(c, r)) return true;
     use(c->b, c->s);
     if (!cells_lie_on_each_other(c, r, stood, &one)) return false;
     if (!event_same(&r->of->event, &stood->of->event)) {
-        c->counts->coincident += one && c->b->f64;
+        c->counts->coincident += one && differ(c, order);
         return true;
     }
     return keep_way(c, r, order, move, 1, !one) && keep_way(c, stood, order, move, -1, !one);

@@ -20,6 +20,7 @@ void boundary_merge(Boundary *y, Worker *w) {
 void boundary_bind(Boundary *y, Worker *w, SinkKind kind) {
     w->finder.coarse = run_is_coarse(y->run);
     w->sink.coincide.apart = y->run->apart, w->finder.ties = y->run->apart != NULL;
+    w->sink.coincide.tied = w->finder.tied = y->run->tied;
     w->sink.kind = kind, w->sink.adjoint = y->adjoint, w->sink.classes = y->classes, w->sink.dirs = y->dirs;
     w->sink.any_sign = y->any_sign;
     w->sink.misses = kind == SINK_INTEGRAL || (kind == SINK_REVERSE && y->misses);
@@ -42,7 +43,8 @@ SltStatus boundary_run(Boundary *y, SinkKind kind) {
     uint32_t accums = kind == SINK_INTEGRAL ? sums * s->channels : kind == SINK_REVERSE ? y->classes + y->misses : 0;
     SltStatus st = run_workers(r, UINT32_MAX, accums, kind);
     double lines = pow(y->segments / s->dim, 1.0 / s->dim) * (r->grid.integral ? 1 : r->grid.n[0]);
-    if (st == SLT_OK && !coincide_begin(r, coincide_step(root_tolerance(run_is_coarse(r)) / fmax(1, lines), STEP)))
+    double step = coincide_step(root_tolerance(run_is_coarse(r)) / fmax(1, lines), STEP);
+    if (st == SLT_OK && !(coincide_begin(r, step) && twins_begin(r)))
         st = status_fail(r->err, SLT_LIMIT, "out of memory");
     if (st == SLT_OK) {
         for (uint32_t i = 0; i < r->nworkers; i++) boundary_bind(y, &r->worker[i], kind);

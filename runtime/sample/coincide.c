@@ -12,10 +12,10 @@
 #include "runtime/sample/run.h"
 
 enum {
-    ASKED = 8,       /* suspects of a batch, before all are, */
-    ASKED_QUIET = 4, /* and of those where f is the same on both sides */
-    ALONG = 16,      /* `elsewhere` goes aside by the segment's length divided by this */
-    NEWTON = 3       /* and so many steps back to g = 0 */
+    ASKED = 8,        /* suspects of a batch, before all are, */
+    ASKED_SILENT = 4, /* and of silent ones */
+    ALONG = 16,       /* `elsewhere` goes aside by the segment's length divided by this */
+    NEWTON = 3        /* and so many steps back to g = 0 */
 };
 /* Parameters are moved by STEP_BRACKETS times the bracket of roots (in a domain of size 1), but at most by STEP_MOST.
  */
@@ -29,8 +29,8 @@ void coincide_free(Coincide *q) { untie_free(q->untie), free(q->part), free(q->h
 bool coincide_begin(Run *r, double step) { return r->apart || apart_new(r->s, r->j->seed, step, &r->apart); }
 
 void coincide_end(Run *r) {
-    apart_free(r->apart);
-    r->apart = NULL;
+    apart_free(r->apart), free(r->tied);
+    r->apart = NULL, r->tied = NULL, r->tied_known = false;
 }
 
 /* ---- suspects */
@@ -58,10 +58,12 @@ static bool is_alone(const SltScene *s, const Crossing *c) {
     }
 }
 
-static bool is_suspect(const SltScene *s, const Crossing *c) {
+static bool is_suspect(const Sink *k, const Crossing *c) {
+    const SltScene *s = k->b->s;
     bool skips = s->site_skips && s->site_skips[c->event.site],   /* other iterations may decide for moved ones, */
-        ray = s->site_kind[c->event.site] >= SLT_SITE_SILHOUETTE; /* another edge be the one that a ray passes */
-    return !skips && !ray && !is_alone(s, c);
+        ray = s->site_kind[c->event.site] >= SLT_SITE_SILHOUETTE, /* another edge be the one that a ray passes */
+        tied = k->coincide.tied && k->coincide.tied[c->event.site];
+    return !skips && !ray && (tied || !is_alone(s, c));
 }
 
 /* Where two boundaries lie in neighbouring floats, g of both is 0 between these, and the kernel names one of them
@@ -75,25 +77,28 @@ static void take_other(const SltScene *s, Crossing *c) {
         }
 }
 
+void coincide_name(const Sink *k, Crossing *c, uint32_t n) {
+    for (uint32_t i = 0; i < n && k->coincide.apart; i++)
+        if (is_suspect(k, &c[i]) && !is_alone(k->b->s, &c[i])) take_other(k->b->s, &c[i]);
+}
+
 uint32_t coincide_sift(const Sink *k, Crossing *c, uint32_t n) {
     uint32_t kept = 0;
-    for (uint32_t i = 0; i < n; i++) {
-        bool suspect = k->coincide.apart && is_suspect(k->b->s, &c[i]);
-        if (c[i].quiet && !suspect) continue;
-        if (suspect && !c[i].quiet) take_other(k->b->s, &c[i]);
-        if (kept != i) c[kept] = c[i];
-        kept++;
-    }
+    for (uint32_t i = 0; i < n && k->coincide.apart; i++)
+        if (is_suspect(k, &c[i])) {
+            if (kept != i) c[kept] = c[i];
+            kept++;
+        }
     return kept;
 }
 
 /* Those of order[0 .. n) that are kept and may be not alone; how many. */
 static uint32_t find_suspects(const Sink *k, const Crossing *c, const uint64_t *order, const bool *keep, uint32_t n,
-                              bool quiet, uint32_t *list) {
+                              uint32_t *list) {
     uint32_t suspects = 0;
     for (uint32_t i = 0; i < n; i++) {
         const Crossing *x = &c[(uint32_t)order[i]];
-        if (keep[i] && x->quiet == quiet && is_suspect(k->b->s, x)) list[suspects++] = i;
+        if (keep[i] && is_suspect(k, x)) list[suspects++] = i;
     }
     return suspects;
 }
@@ -242,20 +247,16 @@ static bool any_tied(Sink *k, const Crossing *c, const uint64_t *order, const ui
 
 void coincide_settle(Sink *k, const Crossing *c, const uint64_t *order, bool *keep, uint32_t n) {
     Coincide *q = &k->coincide;
-    uint32_t suspect[BATCH];
+    uint32_t suspect[BATCH], suspects = q->apart ? find_suspects(k, c, order, keep, n, suspect) : 0;
     q->nparts = q->nhalves = 0;
-    /* Those whose jumps cancel apart from the others: edges that lie on each other are hidden by the thousand. */
-    for (int quiet = 0; quiet < 2 && q->apart; quiet++) {
-        uint32_t suspects = find_suspects(k, c, order, keep, n, quiet, suspect);
-        if (!suspects) continue;
-        if (!q->untie && !(q->untie = untie_new(k->b))) {
-            k->failed = true;
-            return;
-        }
-        if (!any_tied(k, c, order, suspect, suspects, quiet ? ASKED_QUIET : ASKED)) continue;
-        for (uint32_t from = 0; from < suspects; from += UNTIE_MOST)
-            untie_some(k, c, order, keep, suspect + from, suspects - from < UNTIE_MOST ? suspects - from : UNTIE_MOST);
+    if (!suspects) return;
+    if (!q->untie && !(q->untie = untie_new(k->b))) {
+        k->failed = true;
+        return;
     }
-    for (uint32_t i = 0; i < n; i++) keep[i] &= !c[(uint32_t)order[i]].quiet;
+    /* Edges that lie on each other and are hidden are many, and silent. */
+    if (!any_tied(k, c, order, suspect, suspects, c->silent ? ASKED_SILENT : ASKED)) return;
+    for (uint32_t from = 0; from < suspects; from += UNTIE_MOST)
+        untie_some(k, c, order, keep, suspect + from, suspects - from < UNTIE_MOST ? suspects - from : UNTIE_MOST);
     q->nparts = coincide_weigh(k, q->part, q->nparts), q->nhalves = coincide_weigh(k, q->half, q->nhalves);
 }

@@ -13,6 +13,7 @@ typedef struct Kinks {
 } Kinks;
 typedef struct Coincide {
     const Apart *apart;    /* scenes with moved parameters; NULL: nothing is looked for */
+    const uint8_t *tied;   /* [sites]: 1 where another site's g is the same, but for other parameters; NULL: of none */
     bool no_kinks;         /* of one g: in small parts of a domain its corners are never far */
     Untie *untie;          /* NULL: not needed so far */
     Crossing *part, *half; /* [nparts], [nhalves]: of crossings that were untied the parts, and their errors */
@@ -25,11 +26,14 @@ typedef struct Sink Sink;
 /* Before the first crossing: moves the parameters, one of size 1 by `step`. False when memory runs out. */
 bool coincide_begin(Run *r, double step);
 void coincide_end(Run *r);
+/* twins.c. Sets Run.tied. False when memory runs out. */
+bool twins_begin(Run *r);
 /* The step where roots are known to this part of the domain; at least `least`. */
 double coincide_step(double bracket, double least);
 void coincide_free(Coincide *q);
-/* Quiet crossings that no other boundary lies on leave the list, and those whose event is another's get theirs; returns
- * how many stay. */
+/* Crossings whose event is another's get theirs. */
+void coincide_name(const Sink *k, Crossing *c, uint32_t n);
+/* Silent crossings that no other boundary may lie on leave the list; returns how many stay. */
 uint32_t coincide_sift(const Sink *k, Crossing *c, uint32_t n);
 /* After all n of a batch have their weights: asks some of those at which other events decide differently too. If
  * something has come apart at one of them, all of these are untied: those that are not their own event's alone are kept

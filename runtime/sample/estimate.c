@@ -74,7 +74,7 @@ SltStatus slt_estimate_render(const SltScene *s, const SltJob *j, int half, floa
     SltStatus st = run_begin(&r, s, j, err);
     if (st == SLT_OK && half == 0 && j->integral) {
         double value[SLT_MAX_CHANNELS] = {0};
-        st = interior_integral(&r, 0, j->samples, value, NULL);
+        st = interior_integral(&r, 0, j->samples, value, NULL, NULL);
         for (uint32_t c = 0; c < s->channels && st == SLT_OK; c++) out[c] = (float)value[c];
     } else if (st == SLT_OK) {
         st = interior_image(&r, (uint32_t)half, out);
@@ -284,7 +284,10 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
                                         : 4,
                     .size = (uint64_t)s->channels * s->nfloats};
     bool gradient = wants_gradient(out);
+    Tails tails = {0};
     SltStatus st = run_begin(&r, s, j, err);
+    if (st == SLT_OK && gradient && out->gradient_stderr && !tails_init(&tails, s))
+        st = status_fail(err, SLT_LIMIT, "out of memory");
     if (st == SLT_OK) {
         k.value = alloc_zero(k.n * (size_t)s->channels, sizeof(double));
         k.interior = alloc_zero(k.n * k.size, sizeof(double)), k.boundary = alloc_zero(k.n * k.size, sizeof(double));
@@ -300,7 +303,7 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         uint64_t samples = (j->samples + k.n - 1) / k.n;
         r.pool.from = i * step, r.pool.to = (i + 0.7) * step;
         st = interior_integral(&r, i, samples, k.value + i * (size_t)s->channels,
-                               gradient && !j->no_interior ? k.interior + i * k.size : NULL);
+                               gradient && !j->no_interior ? k.interior + i * k.size : NULL, &tails);
         r.stats.seconds_interior += pool_now() - t, t = pool_now();
         r.pool.from = r.pool.to, r.pool.to = (i + 1) * step;
         if (st != SLT_OK || j->no_boundary || !gradient) continue;
@@ -341,6 +344,9 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         bars_of_rows(k.missed, NULL, k.n, k.size, out->missed_estimate, NULL);
         for (uint64_t i = 0; i < k.size && out->gradient_stderr; i++) out->gradient_stderr[i] += fabs(k.half[i]) / k.n;
         if (out->gradient_stderr) bars_add_missed(&k, out->gradient_stderr);
+        if (out->gradient && out->gradient_stderr)
+            r.stats.singular =
+                tails_add(&tails, (double)r.stats.samples, k.n, s->nfloats, out->gradient, out->gradient_stderr);
         bool few_samples = k.n > 1 && (j->samples + k.n - 1) / k.n < BARS_FEWEST,
              few_lines = k.n > 1 && !j->no_boundary && s->nsites && segments_of(j) / k.n < BARS_FEWEST;
         if (few_samples) unknown_errors(s, out->value_stderr, s->channels, false);
@@ -352,6 +358,7 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         out->replicates = true;
     }
     free(k.value), free(k.interior), free(k.boundary), free(k.missed), free(k.half), free(k.sketch);
+    tails_free(&tails);
     run_end(&r, stats);
     return st;
 }

@@ -36,6 +36,12 @@ typedef enum SltUpset {
     SLT_UPSETS_UNSEEN /* f, whatever decides: no [NoDisc] says that it does not matter */
 } SltUpset;
 
+/* Two sites whose g are one, up to a factor, where some parameters are equal. */
+typedef struct SltTwins {
+    uint32_t site[2];
+    double times; /* g of the second is so many times that of the first */
+} SltTwins;
+
 typedef struct SltScene {
     /* Not NULL: kernels are interpreted, and every call of a kernel goes through this function. */
     void (*call)(void *user, int kind, SltKernelArgs *args, uint32_t n);
@@ -55,10 +61,12 @@ typedef struct SltScene {
     const int32_t *iparams; /* [nints] */
     const uint8_t *active;  /* [nfloats]: 1 where the gradient is wanted; NULL: everywhere */
     uint32_t nsites;
-    const uint8_t *site_kind;       /* [nsites]: SltSiteKind */
-    const uint8_t *site_static;     /* [nsites]: 1 where g does not depend on x: contributes nothing; NULL: none */
-    const uint8_t *site_skips;      /* [nsites]: 1 under [SkipLoop], one boundary of many iterations; NULL: none */
-    const uint8_t *site_ties;       /* [nsites]: 1 where g hangs on a choice that parameters alone make; NULL: none */
+    const uint8_t *site_kind;   /* [nsites]: SltSiteKind */
+    const uint8_t *site_static; /* [nsites]: 1 where g does not depend on x: contributes nothing; NULL: none */
+    const uint8_t *site_skips;  /* [nsites]: 1 under [SkipLoop], one boundary of many iterations; NULL: none */
+    const uint8_t *site_ties;   /* [nsites]: 1 where g hangs on a choice that parameters alone make; NULL: none */
+    const SltTwins *twins;      /* [ntwins] */
+    uint32_t ntwins;
     bool still;                     /* what is no site does not move */
     uint32_t nedges;                /* sites, then seams, which only `bounds` and the edge kernels know */
     const uint8_t *edge_kind;       /* [nedges]: SltSiteKind */

@@ -28,8 +28,8 @@ bool finder_init(Finder *f, Batch *b) {
 }
 
 void finder_free(Finder *f) {
-    free(f->alike), free(f->stack), free(f->sorted), free(f->keys), free(f->split), free(f->still), free(f->found),
-        free(f->items), free(f->order);
+    free(f->alike), free(f->silent), free(f->stack), free(f->sorted), free(f->keys), free(f->split), free(f->still),
+        free(f->found), free(f->items), free(f->order);
     memset(f, 0, sizeof *f);
 }
 
@@ -113,7 +113,7 @@ static void drop(Finder *f, SltDrop reason, uint8_t owner, const SltPlace *at) {
 }
 
 void finder_note_size(const Finder *f, Sizes *s, const Crossing *c) {
-    s->n += !c->quiet;
+    s->n++;
     for (uint32_t i = 0; i < f->s->channels; i++) s->sum += fabs(c->jump[i]), s->by[i] += fabs(c->jump[i]);
 }
 
@@ -123,7 +123,6 @@ void sizes_add(Sizes *to, const Sizes *s) {
 }
 
 void finder_drop(Finder *f, SltDrop reason, const Crossing *c) {
-    if (c->quiet && reason != SLT_DROP_COINCIDENT) return;
     if (reason != SLT_DROP_COINCIDENT) finder_note_size(f, &f->gone, c);
     SltPlace at = {.known = true, .site = (uint32_t)(c->event.site + 1), .stream = c->stream, .rand0 = c->rand0};
     memcpy(at.x, c->side[0], sizeof at.x), memcpy(at.beyond, c->side[1], sizeof at.beyond);
@@ -167,9 +166,8 @@ void search_push(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark
 /* Room for n more crossings. `full` runs kernels in the same batch, so this is never called while outputs of a kernel
  * are still to be read. */
 static void found_reserve(Finder *f, uint32_t n) {
-    if (f->nfound + n <= BATCH) return;
-    f->full(f->full_user, f->found, f->nfound);
-    f->nfound = 0;
+    if (f->nfound + n > BATCH) f->full(f->full_user, f->found, f->nfound), f->nfound = 0;
+    if (f->nsilent + n > BATCH) f->silent_full(f->full_user, f->silent, f->nsilent), f->nsilent = 0;
 }
 
 /* ---- bisection on the region */
@@ -380,6 +378,11 @@ void search_bracket(const Item *it, double *lo, double *hi) {
     }
 }
 
+static bool has_silent(Finder *f) {
+    if (!f->silent && !(f->silent = malloc(BATCH * sizeof *f->silent))) f->failed = true;
+    return f->silent;
+}
+
 /* The crossing's place in `found`, or UINT32_MAX. */
 static uint32_t accept(Finder *f, const Item *it, double lo, double hi, Mark before, Mark after, uint32_t lane) {
     uint32_t channels = f->s->channels;
@@ -397,8 +400,9 @@ static uint32_t accept(Finder *f, const Item *it, double lo, double hi, Mark bef
         finder_drop_part(f, SLT_DROP_NOT_FINITE, &it->s, it->event.site);
         return UINT32_MAX;
     }
-    c.quiet = !jumps;
-    if (c.quiet && !(f->ties && before.hash != after.hash && !search_has_depth(f->s))) return UINT32_MAX;
+    bool tied = f->tied && f->tied[it->event.site],
+         several = f->ties && before.hash != after.hash && !search_has_depth(f->s); /* decisions, may be */
+    if (!jumps && !((tied || several) && has_silent(f))) return UINT32_MAX;
     c.t = it->x1;
     double slack = 0; /* by how much rounding of g widens the bracket, in parts of the segment */
     if (it->exact && it->s.tb - it->s.ta <= it->tol) {
@@ -422,6 +426,12 @@ static uint32_t accept(Finder *f, const Item *it, double lo, double hi, Mark bef
     c.owner = it->s.owner;
     c.event = it->event;
     c.ha = before.hash, c.hb = after.hash, c.edge = it->s.edge, c.thin = it->s.thin, c.line = it->s.line;
+    if (!jumps) {
+        assert(f->nsilent < BATCH);
+        c.silent = true;
+        f->silent[f->nsilent++] = c;
+        return UINT32_MAX;
+    }
     assert(f->nfound < BATCH);
     f->found[f->nfound] = c;
     return f->nfound++;
@@ -533,4 +543,5 @@ void finder_run(Finder *f, bool all) {
         run_stack(f, all);
     } while (all && (f->n || f->nalike) && !f->failed);
     if (all && f->nfound) f->full(f->full_user, f->found, f->nfound), f->nfound = 0;
+    if (all && f->nsilent) f->silent_full(f->full_user, f->silent, f->nsilent), f->nsilent = 0;
 }

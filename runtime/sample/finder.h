@@ -61,7 +61,7 @@ typedef struct Crossing {
     double jump[SLT_MAX_CHANNELS];   /* f on b's side, less before */
     float doubt[SLT_MAX_CHANNELS];   /* by how much the jump may be another: flank.c */
     bool doubted;                    /* any is not 0 */
-    bool quiet;                      /* f is the same on both sides */
+    bool silent;                     /* f does not jump: Finder.silent */
     double ga, gb, bracket; /* g at the ends of the final bracket (0, 0: an exact zero), its length in the domain */
     double direction[3];    /* b - a */
     uint32_t ha, hb;        /* hashes of the regions on a's and b's side */
@@ -97,6 +97,12 @@ struct Finder {
     uint32_t nfound;
     void (*full)(void *user, Crossing *c, uint32_t n); /* takes the n <= BATCH crossings found */
     void *full_user;
+    /* Crossings of these sites ([sites]; NULL: of none) are handed over though f does not jump there: [nsilent], room
+     * for BATCH where there are such. */
+    const uint8_t *tied;
+    Crossing *silent;
+    uint32_t nsilent;
+    void (*silent_full)(void *user, Crossing *c, uint32_t n);
     struct Item *items; /* of the batch in hand: search.h */
     uint64_t *order;
     uint64_t crossings, segments, dropped[SLT_DROP_REASONS]; /* counts */
@@ -109,7 +115,7 @@ struct Finder {
     uint32_t nalike, alike_cap;
     uint64_t unproven; /* parts of the least length that bounds left open */
     bool proves, prove_classes;
-    bool ties;       /* crossings at which regions differ and f does not are wanted too: Crossing.quiet */
+    bool ties;       /* crossings at which regions differ and f does not are wanted too: Crossing.silent */
     bool coarse;     /* rays in an image: a root to 2^-9 of a segment, less than a hundredth of a pixel, will do */
     bool halve_only; /* as Belhe et al. search: bisection on the hash down to 2^-15 */
     bool failed;     /* memory ran out */

@@ -148,13 +148,13 @@ static void settle_some(Finder *f, Item *items, const uint32_t *slot, const uint
 void flank_settle(Finder *f, Item *items, const uint32_t *slot, uint32_t n) {
     uint32_t at[FIND], asked[FIND], nat = 0, nasked = 0;
     for (uint32_t i = 0; i < n; i++)
-        if (slot[i] != UINT32_MAX && !f->found[slot[i]].quiet) at[nat++] = i;
+        if (slot[i] != UINT32_MAX) at[nat++] = i;
     for (uint32_t i = 0; i < nat; i += EACH) asked[nasked++] = at[i];
     if (!nasked || !any_steep(f, items, slot, asked, nasked)) return;
     for (uint32_t i = 0; i < n; i++) {
         Item *it = &items[i];
         double least = (f->s->f64 ? ROUNDED_G : 1) * search_least(f, &it->s), width = fabs(it->x2 - it->x1);
-        if (slot[i] == UINT32_MAX || f->found[slot[i]].quiet) it->exact = true; /* nothing more to be searched */
+        if (slot[i] == UINT32_MAX) it->exact = true; /* nothing more to be searched */
         it->tol = fmin(it->tol, least);
         it->left = !it->exact && width > least ? (uint32_t)ceil(log2(width / least)) + 2 : 0;
     }

@@ -382,6 +382,7 @@ typedef struct Total {
     double *value;
     double *targets[ACCUMS]; /* by channel; NULL: values only */
     bool gradient, both;     /* both: values come from the reverse kernel */
+    Tails *tails;            /* NULL: not wanted */
 } Total;
 
 static bool total_work(void *user, uint32_t worker, uint64_t tile) {
@@ -394,8 +395,11 @@ static bool total_work(void *user, uint32_t worker, uint64_t tile) {
     double weight[BATCH];
     if (!worker_values(w, s->channels)) return false;
     b->args.cull = NULL;
+    bool tails = p->gradient && p->tails;
+    uint32_t call = tails ? TAIL_CALL : BATCH;
+    if (tails && !tails_begin(p->tails, &w->tail, INTEGRAL_TILE / TAIL_CALL)) return false;
     for (uint64_t at = from; at < to;) {
-        uint32_t n = to - at < BATCH ? (uint32_t)(to - at) : BATCH;
+        uint32_t n = to - at < call ? (uint32_t)(to - at) : call;
         for (uint32_t i = 0; i < n; i++, at++) {
             for (uint32_t d = 0; d < g->dim; d++)
                 batch_set(b, SLT_IN_X0 + d, i, grid_place(g, d, 0, pattern_at(&p->pattern, d, at)));
@@ -412,6 +416,7 @@ static bool total_work(void *user, uint32_t worker, uint64_t tile) {
         for (uint32_t i = 0; i < n; i++) weight[i] = p->weight;
         b->again = !p->both;
         accum_rows(&w->acc, b, weight, n, 0);
+        if (tails && n == TAIL_CALL) tails_take(p->tails, &w->tail, &w->acc);
         for (uint32_t c = 0; p->both && c < s->channels; c++) /* the reverse kernel gives f as well */
             for (uint32_t i = 0; i < n; i++) w->value[c] += batch_get(b, SLT_OUT_F, c, i);
     }
@@ -424,15 +429,18 @@ static void total_merge(void *user, uint32_t worker, uint64_t tile) {
     Worker *w = &p->run->worker[worker];
     uint64_t from = tile * INTEGRAL_TILE, to = from + INTEGRAL_TILE < p->samples ? from + INTEGRAL_TILE : p->samples;
     if (p->gradient) accum_merge(&w->acc, p->targets);
+    if (p->gradient && p->tails) tails_merge(p->tails, &w->tail);
     if (!p->gradient || p->both)
         for (uint32_t c = 0; c < p->run->s->channels; c++) p->value[c] += p->weight * w->value[c];
     if (!p->gradient || p->both) p->run->stats.samples += to - from;
     run_collect(p->run, w);
 }
 
-SltStatus interior_integral(Run *r, uint32_t replicate, uint64_t samples, double *value, double *gradient) {
+SltStatus interior_integral(Run *r, uint32_t replicate, uint64_t samples, double *value, double *gradient,
+                            Tails *tails) {
     const SltScene *s = r->s;
     Total p = {.run = r, .samples = samples ? samples : 1, .value = value};
+    if (tails_wanted(tails)) p.tails = tails;
     double volume = 1;
     for (uint32_t d = 0; d < s->dim; d++) volume *= s->hi[d] - s->lo[d];
     p.weight = volume / (double)p.samples;

@@ -3,6 +3,7 @@
 #define SALTUS_SAMPLE_INTERIOR_H
 
 #include "runtime/sample/run.h"
+#include "runtime/sample/tails.h"
 
 typedef struct Interior {
     Run *run;
@@ -27,7 +28,8 @@ SltStatus interior_reverse(Run *r, uint32_t half, const float *adjoint, double f
                            double *const *targets);
 SltStatus interior_forward(Run *r, const Directions *d, float *const *out);
 /* The integral over the domain by one replicate of so many samples: value[channels]; gradient[channels][nfloats] when
- * not NULL. */
-SltStatus interior_integral(Run *r, uint32_t replicate, uint64_t samples, double *value, double *gradient);
+ * not NULL, whose samples join `tails` when that is not NULL. */
+SltStatus interior_integral(Run *r, uint32_t replicate, uint64_t samples, double *value, double *gradient,
+                            Tails *tails);
 
 #endif

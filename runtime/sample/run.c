@@ -36,6 +36,7 @@ void stats_add(SltStats *to, const SltStats *s) {
         to->dropped[d] += s->dropped[d], place_least(&to->dropped_at[d], &s->dropped_at[d]);
     to->truncated += s->truncated, to->asserts += s->asserts, to->nonfinite += s->nonfinite;
     to->seconds += s->seconds;
+    to->singular = s->singular > to->singular ? s->singular : to->singular;
     to->seconds_interior += s->seconds_interior, to->seconds_boundary += s->seconds_boundary;
     stats_of_cells(to, s);
 }
@@ -69,7 +70,7 @@ static bool worker_init(Run *r, Worker *w, uint32_t accums, SinkKind kind) {
     if (!accum_init(&w->acc, r->s, accums)) return false;
     if (!finder_init(&w->finder, &w->batch)) return false;
     if (!sink_init(&w->sink, kind, &w->batch, &w->acc, &w->finder, &r->grid)) return false;
-    w->finder.full = sink_take, w->finder.full_user = &w->sink;
+    w->finder.full = sink_take, w->finder.silent_full = sink_take_silent, w->finder.full_user = &w->sink;
     if (scene_outputs(r->s, SLT_K_REGION, SLT_OUT_NEAR_SITE) && !near_init(w)) return false;
     if (follows(r) && !(w->follow = w->sink.follow = follow_new())) return false;
     return cull_lists_init(&w->cull, &r->cull);
@@ -81,7 +82,7 @@ void run_free_workers(Run *r) {
         batch_free(&w->batch), accum_free(&w->acc), finder_free(&w->finder), sink_free(&w->sink),
             cull_lists_free(&w->cull, &r->cull), prune_free(&w->pruner);
         free(w->hash), free(w->settled), free(w->depth), free(w->witness), free(w->near_g), free(w->near_key),
-            free(w->near_event), free(w->value), free(w->probes), follow_free(w->follow);
+            free(w->near_event), free(w->value), free(w->probes), follow_free(w->follow), tails_free_tile(&w->tail);
     }
     free(r->worker);
     r->worker = NULL, r->nworkers = 0;

@@ -9,6 +9,7 @@
 #include "runtime/sample/cull.h"
 #include "runtime/sample/prune.h"
 #include "runtime/sample/sink.h"
+#include "runtime/sample/tails.h"
 
 struct Worker {
     Batch batch;
@@ -30,6 +31,7 @@ struct Worker {
     uint64_t value_cap;
     struct Probes *probes; /* candidates of near.c */
     Follow *follow;        /* NULL: fingers are not followed */
+    TailTile tail;         /* of interior_integral */
 };
 
 struct Run {
@@ -41,8 +43,10 @@ struct Run {
     uint32_t threads, nworkers;
     bool spares; /* run_workers makes more of them than threads: tiles whose turn to be merged has not come keep some */
     PoolOptions pool;
-    bool proven;      /* lines had no gaps (prove.h) in some tile: what was missed says what is still missing */
-    Apart *apart;     /* for coincide.c; NULL: boundaries that coincide are not looked for */
+    bool proven;   /* lines had no gaps (prove.h) in some tile: what was missed says what is still missing */
+    Apart *apart;  /* for coincide.c; NULL: boundaries that coincide are not looked for */
+    uint8_t *tied; /* [sites]: twins.c; NULL: no site has a twin, or it was not asked so far */
+    bool tied_known;
     SltStats stats;   /* counts of the tiles merged so far */
     Sizes kept, gone; /* likewise; see Finder */
     SltError *err;

@@ -433,7 +433,7 @@ static void put_doubts(Sink *k, const Crossing *c, const bool *keep, uint32_t n)
 void sink_take(void *sink, Crossing *c, uint32_t n) {
     Sink *k = sink;
     if (k->clip) n = clip(k, c, n);
-    n = coincide_sift(k, c, n);
+    coincide_name(k, c, n);
     if (k->kind == SINK_KEEP) {
         keep_all(k, c, n);
         return;
@@ -445,7 +445,7 @@ void sink_take(void *sink, Crossing *c, uint32_t n) {
         sink_weigh(k, c, k->order + from, to - from, keep + from);
         for (uint32_t i = from; i < to && k->follow; i++) {
             const Crossing *x = &c[(uint32_t)k->order[i]];
-            if (keep[i] && x->edge && !x->quiet) follow_note(k->follow, x);
+            if (keep[i] && x->edge) follow_note(k->follow, x);
         }
     }
     coincide_settle(k, c, k->order, keep, n);
@@ -464,4 +464,25 @@ void sink_take(void *sink, Crossing *c, uint32_t n) {
     }
     if (k->coincide.nparts) put_parts(k);
     put_kinks(k);
+}
+
+void sink_take_silent(void *sink, Crossing *c, uint32_t n) {
+    Sink *k = sink;
+    Finder *f = k->f;
+    Finder before = *f; /* what cannot be weighed is no loss, for it would weigh nothing */
+    bool keep[BATCH];
+    if (k->kind == SINK_KEEP) return;
+    if (k->clip) n = clip(k, c, n);
+    n = coincide_sift(k, c, n);
+    f->lost = NULL;
+    group(k, c, n);
+    for (uint32_t from = 0, to; from < n; from = to) {
+        to = group_end(k, c, from, n);
+        sink_weigh(k, c, k->order + from, to - from, keep + from);
+    }
+    memcpy(f->dropped, before.dropped, sizeof f->dropped);
+    memcpy(f->dropped_at, before.dropped_at, sizeof f->dropped_at);
+    f->lost = before.lost, f->kept = before.kept, f->gone = before.gone;
+    coincide_settle(k, c, k->order, keep, n);
+    if (k->coincide.nparts) put_parts(k);
 }

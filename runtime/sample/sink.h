@@ -59,6 +59,9 @@ bool sink_init(Sink *k, SinkKind kind, Batch *b, Accum *acc, Finder *f, const Gr
 void sink_free(Sink *k);
 /* Takes n <= BATCH crossings: Finder.full. */
 void sink_take(void *sink, Crossing *c, uint32_t n);
+/* Takes those at which f does not jump: two boundaries that lie there may each jump, the one back what the other does.
+ * Finder.silent_full. */
+void sink_take_silent(void *sink, Crossing *c, uint32_t n);
 /* The same for n <= BATCH crossings that have their weights already. */
 void sink_put_weighed(Sink *k, const Crossing *c, uint32_t n);
 /* weight * jump into the group of sizes alone; SINK_REVERSE: of the sum of what the adjoint weighs. n <= BATCH. */

@@ -206,7 +206,8 @@ static void search(Untie *u, const Crossing *c, const uint32_t *which, uint32_t 
     finder_run(&u->finder, true);
     for (uint32_t k = 0; k < lanes; k++) {
         Order *o = &u->order[lane[k]][u->move];
-        o->whole = o->n && is_whole(b, &c[which[lane[k]]], o);
+        /* Where f does not jump at the crossing it need not after a move. */
+        o->whole = (o->n || c[which[lane[k]]].silent) && is_whole(b, &c[which[lane[k]]], o);
     }
 }
 

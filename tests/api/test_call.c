@@ -197,6 +197,18 @@ static void other_versions(void **state) {
     slt_program_free(p);
 }
 
+/* Where memory ran out there is no program, and callers print what they always print. */
+static void without_memory(void **state) {
+    (void)state;
+    SltDiagnostic d = SLT_DIAGNOSTIC_INIT;
+    assert_int_equal(slt_diagnostic_count(NULL), 0);
+    assert_false(slt_diagnostic(NULL, 0, &d));
+    assert_string_equal(slt_last_error(NULL), "out of memory");
+    assert_string_equal(slt_diagnostics_text(NULL), "error: out of memory\n");
+    assert_non_null(strstr(slt_diagnostics_json(NULL), "\"out of memory\"}\n"));
+    slt_program_free(NULL);
+}
+
 /* ---- shapes */
 static void assert_shape(const SltParam *q, SltKind kind, uint32_t rank, const uint32_t *shape, uint32_t fstride,
                          uint32_t istride) {
@@ -324,7 +336,7 @@ static void nothing_is_kept(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(own_parameters), cmocka_unit_test(own_integers),
-                                       cmocka_unit_test(other_versions), cmocka_unit_test(shapes),
-                                       cmocka_unit_test(nothing_is_kept)};
+                                       cmocka_unit_test(other_versions), cmocka_unit_test(without_memory),
+                                       cmocka_unit_test(shapes),         cmocka_unit_test(nothing_is_kept)};
     return cmocka_run_group_tests(tests, scratch_make, scratch_drop);
 }

@@ -191,8 +191,41 @@ static void comma(void **state) {
     setlocale(LC_ALL, "C");
 }
 
+/* Names, right and wrong ones, may be asked for ever: nothing of it stays, and where memory ends there is a status. */
+static void asking_takes_nothing(void **state) {
+    (void)state;
+    SltError err;
+    SltParam q = SLT_PARAM_INIT;
+    SltProgram *p = compile(program);
+    ArenaBudget *budget = &p->session->budget;
+    enum { LONG = 1 << 17 };
+    char *wrong = malloc(LONG + 1), *json = malloc(LONG + 32);
+    memset(wrong, 'a', LONG), wrong[LONG] = 0;
+    sprintf(json, "{\"%s\": 1}", wrong);
+    const char *names[] = {wrong};
+    size_t used = budget->used, limit = budget->limit;
+    for (int round = 0; round < 3; round++) {
+        SltStatus want = round ? SLT_LIMIT : SLT_USAGE;
+        if (round) budget->limit = used; /* as if a GiB of questions had been asked */
+        for (int i = 0; i < 2000; i++) {
+            assert_ok(slt_set_text(p, "s[1].inner[0].q", "3", &err));
+            assert_ok(slt_param_find(p, "s[1].inner[0].tag", &q, &err));
+        }
+        assert_int_equal(slt_param_find(p, wrong, &q, &err), want);
+        assert_int_equal(slt_set_text(p, wrong, "3", &err), want);
+        assert_int_equal(slt_wrt(p, names, 1, &err), want);
+        assert_int_equal(slt_set_params_json(p, json, "a.json", &err), round ? SLT_LIMIT : SLT_INPUT);
+        assert_int_equal(budget->used, used);
+    }
+    assert_non_null(strstr(err.text, "out of memory"));
+    budget->limit = limit;
+    slt_program_free(p);
+    free(wrong);
+    free(json);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(readers_agree), cmocka_unit_test(returns),
-                                       cmocka_unit_test(comma)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(readers_agree), cmocka_unit_test(asking_takes_nothing),
+                                       cmocka_unit_test(returns), cmocka_unit_test(comma)};
     return cmocka_run_group_tests(tests, scratch_make, scratch_drop);
 }

@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "compiler/back/back.h"
+#include "compiler/back/core/core.h"
 #include "runtime/image/image.h"
 
 enum { N = 64 };
@@ -327,7 +327,8 @@ static void test_target_runs(void **state) {
     assert_true(target_runs(&t, &here) && target_runs(&here, &here));
 }
 
-/* The width depends on program and target alone: two vectors a value, one in very large kernels. */
+/* The width depends on program and target alone: two vectors a value, one in very large kernels and in those of few
+ * samples, where no width is given. */
 static void test_choose_width(void **state) {
     (void)state;
     Session *s = session_create(0);
@@ -350,6 +351,14 @@ static void test_choose_width(void **state) {
         assert_int_equal(back_choose_width(&few, 1, &t), 2 * targets[i].lanes);
         assert_int_equal(back_choose_width(&many, 1, &t), targets[i].lanes);
     }
+    BackOptions o = {.few = 2};
+    KernelRequest two[2] = {few, few};
+    target_named(&o.target, "avx2");
+    assert_int_equal(back_kernel_width(two, 0, &o, 16), 16);
+    assert_int_equal(back_kernel_width(two, 1, &o, 16), 8);
+    assert_int_equal(back_kernel_width(two, 1, &o, 4), 4);
+    o.width = 16;
+    assert_int_equal(back_kernel_width(two, 1, &o, 16), 16);
     assert_false(target_named(&t, "pdp11"));
     session_destroy(s);
 }

@@ -126,6 +126,28 @@ class Fit(Case):
         self.assertEqual((len(j["params"]["t"]), len(j["params"]["t"][0])), (8, 8))
         self.run_cli("fit", "e.salt", "--target", "t.exr", "--smooth", "r=2", code=2)
 
+    def test_losses(self):
+        args = ["fit", "e.salt", "--target", "t.exr", "--iters", 40, "--spp", 16, "--seed", 3]
+        plain = self.json_cli(*args)
+        self.assertEqual(self.strip(self.json_cli(*args, "--loss", "l2")), self.strip(plain))
+        for loss in ("l1", "huber"):
+            j = self.strip(self.json_cli(*args, "--loss", loss))
+            self.assertLess(j["loss"], 0.3 * j["initial_loss"], loss)
+            self.assertAlmostEqual(j["params"]["r"], 0.2, delta=0.02)
+            self.put("s.json", json.dumps({"shader": "e.salt", "target": "t.exr", "loss": loss}))
+            self.assertEqual(self.strip(self.json_cli("fit", "s.json", *args[4:])), j)
+            self.json_cli(*args[:4], "--iters", 7, *args[6:], "--loss", loss, "--checkpoint", "c.bin")
+            self.assertEqual(self.strip(self.json_cli(*args, "--loss", loss, "--resume", "c.bin")), j)
+            self.run_cli(*args, "--resume", "c.bin", code=4)
+        j = self.strip(self.json_cli(*args, "--loss", "huber", "--huber-delta", 0.5))
+        self.put("s.json", json.dumps({"shader": "e.salt", "target": "t.exr", "loss": {"huber": 0.5}}))
+        self.assertEqual(self.strip(self.json_cli("fit", "s.json", *args[4:])), j)
+        self.run_cli(*args, "--loss", "l3", code=2)
+        self.run_cli(*args, "--huber-delta", 1, code=2)
+        self.run_cli("fit", "e.salt", "--minimize", "--loss", "l1", code=2)
+        self.put("s.json", json.dumps({"shader": "e.salt", "target": "t.exr", "loss": "l3"}))
+        self.run_cli("fit", "s.json", code=4)
+
     def test_failed(self):
         self.put("n.salt", "param float a = 1.0;\nshader float main(float2 x) { return sqrt(a - 2.0); }")
         r = self.run_cli("fit", "n.salt", "--minimize", "--iters", 3, "--samples", 64, "--json", code=None)

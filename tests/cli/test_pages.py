@@ -1,7 +1,6 @@
 """The pages as somebody types them in the first hour: what their commands and programs print stands below them, and the commands of every example run."""
 import pathlib
 import shlex
-import shutil
 
 from harness import *
 
@@ -93,10 +92,12 @@ class Pages(Case):
 
 
 class Examples(Case):
-    """Commands as they stand, in a copy of the folder, with few samples; tests/examples has the checks, and those that make terrains."""
+    """`examples/run --quick`: commands as they stand, in a copy of the folder, with few samples; tests/examples has the checks, and those that make terrains."""
 
-    FEW = {"render": ["--spp", 1], "grad": ["--spp", 1], "fit": ["--iters", 2]}
     ELSEWHERE = {"shadow_art", "two_suns", "shadow_edit", "glossy_edit", "terrain_views"}
+
+    def runner(self, *args):
+        return subprocess.run([ROOT / "examples/run", *args], cwd=self.dir, capture_output=True, text=True, timeout=HANGS, env=dict(self.environment(), SALTUS=BIN))
 
     def test_commands(self):
         ran = 0
@@ -104,18 +105,29 @@ class Examples(Case):
             if page.parent.name in self.ELSEWHERE:
                 continue
             with self.subTest(page.parent.name):
-                shutil.copytree(page.parent, os.path.join(self.dir, page.parent.name))
-                block = re.search("```\n(.*?)```", page.read_text("utf-8"), re.S).group(1).replace("\\\n", "")
-                for command in block.splitlines():
-                    words = shlex.split(command)
-                    if words[:2] == ["saltus", "check"]:
-                        continue
-                    if words[0] == "saltus":
-                        words = [BIN, *words[1:], *map(str, self.FEW[words[1]] if "--integral" not in words else ["--samples", 16384])]
-                    p = subprocess.run(words, cwd=os.path.join(self.dir, page.parent.name), capture_output=True, text=True, timeout=HANGS, env=self.environment())
-                    self.assertEqual(p.returncode, 0, command + "\n" + p.stdout + p.stderr)
-                    ran += 1
+                p = self.runner(page.parent.name, "--quick")
+                self.assertEqual(p.returncode, 0, p.stdout + p.stderr)
+                ran += len(re.findall("^%s: [0-9.]+ s$" % page.parent.name, p.stdout, re.M))
         self.assertGreater(ran, 30)
+
+    def test_runner(self):
+        """Every folder is listed with what it teaches and stands on the sheet; one that is not there is said, with those that are."""
+        p = self.runner("list", "sheet")
+        self.assertEqual(p.returncode, 0, p.stderr)
+        for page in ROOT.glob("examples/*/README.md"):
+            self.assertRegex(p.stdout, r"(?m)^%s +\S.*\.$" % page.parent.name)
+            self.assertIn("/%s/" % page.parent.name, pathlib.Path(self.path("out/sheet.salt")).read_text("utf-8"))
+        p = self.runner("cirlce")
+        self.assertEqual(p.returncode, 2)
+        self.assertIn("circle", p.stderr)
+
+    def test_faults(self):
+        """A command that fails ends the run with its status named, and a page's pictures stay as they were."""
+        before = (ROOT / "examples/circle/circle.png").read_bytes()
+        p = subprocess.run([ROOT / "examples/run", "circle", "--quick"], cwd=self.dir, capture_output=True, text=True, env=dict(self.environment(), SALTUS="false"))
+        self.assertEqual(p.returncode, 1)
+        self.assertIn("ended with status 1", p.stderr)
+        self.assertEqual(before, (ROOT / "examples/circle/circle.png").read_bytes())
 
 
 if __name__ == "__main__":

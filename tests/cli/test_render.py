@@ -1,4 +1,5 @@
 """saltus render, parameters, sizes, diagnostics and exit statuses."""
+import itertools
 import math
 import resource
 
@@ -359,6 +360,37 @@ class Render(Case):
         self.assertEqual(self.get("old.exr"), b"old")
         self.no_leftovers("old.exr")
 
+    def test_address_space(self):
+        # Whatever memory there is beyond the process itself: done, or status 6 and the cause in words. The loader says
+        # of LLVM only that it could not be mapped.
+        if os.environ.get("SALTUS_SANITIZE"):
+            self.skipTest("the sanitizer takes terabytes of address space")
+        self.put("c.salt", CIRCLE)
+        codes = set()
+        for mib in (14, 20, 30, 40, 60, 80, 100, 130, 150, 160, 170, 180, 190, 200, 220, 240, 270, 300, 4096):
+            p = subprocess.run([BIN, "render", "c.salt", "--no-cache", "--size", "4", "--threads", "2", "-o", "a.pfm"], cwd=self.dir, capture_output=True, env=self.environment(),
+                               preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (mib << 20, mib << 20)))
+            self.assertIn(p.returncode, (0, 6), (mib, p.stderr))
+            if p.returncode:
+                self.assertIn(b"out of memory", p.stderr, mib)
+            codes.add(p.returncode)
+        self.assertEqual(codes, {0, 6})
+        self.no_leftovers("a.pfm")
+
+    def test_no_executable_memory(self):
+        # Hardened systems refuse it: no fault of ours, and the interpreter needs none.
+        import ctypes
+        self.put("c.salt", CIRCLE)
+        libc = ctypes.CDLL(None)
+        refuse = lambda: libc.prctl(65, 1, 0, 0, 0)  # PR_SET_MDWE, PR_MDWE_REFUSE_EXEC_GAIN
+        if subprocess.run([sys.executable, "-c", "import ctypes, sys; sys.exit(ctypes.CDLL(None).prctl(65, 1, 0, 0, 0) != 0)"]).returncode:
+            self.skipTest("a kernel before 6.3")
+        for more, code in (("--no-cache", 6), ("--interpret", 0)):
+            p = subprocess.run([BIN, "render", "c.salt", more, "--size", "4", "-o", "a.pfm"], cwd=self.dir, capture_output=True, env=self.environment(), preexec_fn=refuse)
+            self.assertEqual(p.returncode, code, p.stderr)
+            self.assertEqual(b"system refuses executable memory" in p.stderr, code == 6, p.stderr)
+        self.no_leftovers("a.pfm")
+
     def test_time_limit(self):
         self.put("slow.salt", "shader float main(float2 x) { float s = 0.0; for (int i = 0; i < 100000; i++) s += sin(x.x * i + s); return s; }")
         start = self.processor()
@@ -485,12 +517,85 @@ shader float main(float2 x) {
                 self.assertEqual(self.json_cli("render", "j.salt", "--size", 2)["mean"], [want])
                 self.put("named.json", '{"p": %s, "q": 1}' % rows)
                 self.assertEqual(self.json_cli("render", "j.salt", "--size", 2, "--param", "p=@named.json")["mean"], [want])
-        for rows in ("[[1, 2], [3]]", "[[1, 2], 3]", "3", "{}", "[]"):
+                line = re.findall(r"[0-9]+", rows) if kind != "S" else ["1", "2", "3", "0", "1", "5"]
+                elements = len(json.loads(rows))
+                each = len(line) // elements
+                for text in ('{"p": %s}' % rows, "[%s]" % ", ".join(line), "[[%s]]" % "], [".join(", ".join(line[k * each:(k + 1) * each]) for k in range(elements)))[:2 if kind == "float" else 3]:
+                    self.put("p.json", text)  # by name in the source's own file; all in a line; a line for each element
+                    self.assertEqual(self.json_cli("render", "j.salt", "--size", 2)["mean"], [want])
+        for rows in ("[[1, 2], [3]]", "[[1, 2], 3]", "[1, 2, 3]", "3", "{}", "[]"):
             self.put("j.salt", body % ("param", "float2", "p[i].y"))
             self.put("p.json", rows)
             self.assertIn("p.json", self.run_cli("render", "j.salt", "--size", 2, code=4).err)
+        n = 170  # more numbers than an array may list
+        self.put("big.salt", 'param float g[][%d][%d] = "g.npy"; shader float main(float x) { return g[int(%d * x)][1][2]; }' % (n, n, n))
+        plane = [0.0] * (n * n)
+        plane[n + 2] = 0.5
+        self.put("g.npy", write_npy((n, n, n), plane * n, "<f4"))
+        self.assertEqual(self.json_cli("render", "big.salt", "--size", 16)["mean"], [0.5])
         os.remove(self.path("pts.npy"))
         self.assertIn("pts.npy", self.run_cli("render", "o.salt", "--size", 2, code=4).err)
+
+    def test_meshes(self):
+        self.put("m.obj", "o a\nv 0 0 0\nv 2 0 0\nv 2 2 0\nv 0 2 0\nvt 0 0\nvt 1 0\nvt 1 0.5\nf 1/1 2/2 3/3 4\ng b\nv 0 0 4\nf 1 2 -1\n")
+        self.put("m.ply", "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
+        self.put("m.salt", """param float3 v[] = "m.obj"; param int3 f[] = "m.obj"; param float3 n[] = "m.obj:normals"; param float2 uv[][3] = "m.obj:uv"; param int part[] = "m.obj:parts";
+shader float4 main(float2 x) {
+    float area = 0.0;
+    for (int i = 0; i < len(f); i++) area += 0.5 * length(cross(v[f[i].y] - v[f[i].x], v[f[i].z] - v[f[i].x]));
+    return float4(area, len(v), n[2].z + 10.0 * uv[1][1].x + 100.0 * uv[1][2].x, 10.0 * part[0] + part[2]);
+}""")
+        j = self.json_cli("render", "m.salt", "--size", 2)
+        self.assertEqual(j["mean"], [8, 5, 11, 1])
+        self.put("one.salt", "param float3 v[] = {float3(1.0)}; param uint f[][3] = {{0u, 0u, 0u}}; shader float3 main(float2 x) { return float3(len(v), v[f[0][1]].x, len(f)); }")
+        self.assertEqual(self.json_cli("render", "one.salt", "--size", 1, "--param", "v=@m.ply", "--param", "f=@m.ply")["mean"], [3, 1, 1])
+        g = self.json_cli("grad", "m.salt", "--integral", "--samples", 64, "--wrt", "v")["gradient"]["v"]
+        self.assertAlmostEqual(g[4][2][0], 1, 4)
+        for path, said in (("m.obj:edges", "no `edges`"), ("m.obj:faces", "integers"), ("m.ply:uv", "no texture coordinates"), ("none.obj", "none.obj"), ("none.obj:faces", "integers")):
+            self.assertIn(said, self.run_cli("render", "one.salt", "--param", "v=@" + path, code=4).err)
+
+    def test_volumes(self):
+        self.put("s.salt", "shader float2 main(float3 x) { return float2(1.0 + x.x + 2.0 * x.y + 4.0 * x.z, x.x * x.z); }")
+        self.put("v.salt", 'param texture3D v = "v.npy"; param float3 p = float3(0.3, 0.6, 0.7); shader float4 main(float x) { return v.sample(p); }')
+        self.put("g.frag", "#version 300 es\nprecision highp float; uniform highp sampler3D v; out vec4 o;\nvoid main() { o = texture(v, vec3(0.3, 0.6, 0.7)) + float(textureSize(v, 0).z) - texelFetch(v, ivec3(1, 2, 0), 0); }")
+        size = (6, 5, 4)
+        texel = lambda x, y, z: (1 + (x + .5) / 6 + (y + .5) / 2.5 + (z + .5), (x + .5) / 6 * (z + .5) / 4)
+        for name in ("v.npy", "one.exr", "stack/", "s%03d.exr", "s%d.exr"):
+            j = self.json_cli("render", "s.salt", "--size", "6x5x4", "--centres", "-o", name)
+            self.assertEqual(j["size"], [6, 5, 4])
+            value = self.json_cli("render", "v.salt", "--size", 1, "--param", "v=@" + name)["mean"]
+            for got, want in zip(value, (1 + .3 + 1.2 + 2.8, .3 * .7, 0, 1)):
+                self.assertAlmostEqual(got, want, 5)
+        self.assertEqual(sorted(os.listdir(self.path("stack"))), ["%04d.exr" % k for k in range(4)])
+        shape, values = read_npy(self.get("v.npy"))
+        self.assertEqual(tuple(shape), (4, 5, 6, 2))  # slices, rows from the top, columns, channels
+        for z, y, x in itertools.product(range(4), range(5), range(6)):
+            at = ((z * 5 + y) * 6 + x) * 2
+            for got, want in zip(values[at:at + 2], texel(x, 4 - y, z)):
+                self.assertAlmostEqual(got, want, 5)
+        got = self.json_cli("render", "g.frag", "--size", 1, "--param", "v=@v.npy")["mean"]
+        for k in range(2):
+            self.assertAlmostEqual(got[k], (1 + .3 + 1.2 + 2.8, .3 * .7)[k] + 4 - texel(1, 2, 0)[k], 5)
+        self.put("v3.salt", "param float2 p = float2(0.5); shader float main(float3 x) { return p.x * x.z; }")
+        self.json_cli("grad", "v3.salt", "--size", "2x3x2", "--wrt", "p.x", "-o", "d.npy")
+        shape, values = read_npy(self.get("d.npy"))
+        self.assertEqual(tuple(shape), (2, 3, 2, 3))  # the volume, its derivative, crossings
+        for at, v in enumerate(values):
+            self.assertAlmostEqual(v, (0.125, 0.25, 0, 0.375, 0.75, 0)[at % 3 + 3 * (at >= 18)], 1)
+        # a volume as the target of a fit, from every kind of file, and what the fit writes as one
+        self.put("f.salt", "param texture3D v = zeros(6, 5, 4, 2); shader float2 main(float3 x) { return v.sample(x).xy; }")
+        for name in ("v.npy", "one.exr", "stack/", "s%03d.exr"):
+            j = self.json_cli("fit", "f.salt", "--target", name, "--iters", 30, "--lr", 0.5, "--spp", 2, "-o", "fit/")
+            self.assertLess(j["loss"], 0.02 * j["initial_loss"])
+        a = self.json_cli("render", "f.salt", "--size", "6x5x4", "--params", "fit/fitted.json", "--centres")["mean"]
+        self.assertEqual(a, self.json_cli("render", "f.salt", "--size", "6x5x4", "--param", "v=@fit/v.exr", "--centres")["mean"])
+        self.assertIn("4 slices", self.run_cli("fit", "f.salt", "--target", "v.npy", "--size", "6x5x3", "--iters", 1, code=4).err)
+        self.assertIn("smoothed", self.run_cli("fit", "f.salt", "--target", "v.npy", "--smooth", "v=1", "--iters", 1, code=2).err)
+        self.run_cli("render", "s.salt", "--size", "6x4x1", "-o", "stack/0002.exr")
+        for bad in ("none%d.exr", "flat.npy", "empty/", "s.salt", "stack"):
+            self.put("flat.npy", write_npy((2, 2), [0] * 4))
+            os.makedirs(self.path("empty"), exist_ok=True)
+            self.assertIn(bad.strip("/"), self.run_cli("render", "v.salt", "--size", 1, "--param", "v=@" + bad, code=4).err)
 
     def test_not_a_number(self):
         for v in ("nan", "inf", "-inf", "1e308", "1e-320"):

@@ -1,10 +1,11 @@
 /* A preloaded object that makes allocations and system calls fail, one call site after the other.
  *
  * A site is a call with the addresses that led to it; sites are numbered by their first call. FAULT_SITE=n lets the
- * call of site n fail when it first comes (FAULT_MODE=once), when it comes again (second) or every call of its kind
- * from there on (on); without it nothing fails. FAULT_CALL=n counts the calls for memory themselves, from wherever they
- * come. FAULT_KINDS: m for memory, s for the system. FAULT_LOG names a file that gets the number of sites when the
- * process ends, those that came again, where the failure was injected, and what our own code took and never gave back.
+ * call of site n fail when it first comes (FAULT_MODE=once), when it comes again (second), and every call of its kind
+ * from there on (on) or every third (third), so that what follows a failure runs on, half served; without it nothing
+ * fails. FAULT_CALL=n counts the calls for memory themselves, from wherever they come. FAULT_KINDS: m for memory, s for
+ * the system. FAULT_LOG names a file that gets the number of sites when the process ends, those that came again, where
+ * the failure was injected, and what our own code took and never gave back.
  */
 #ifndef _GNU_SOURCE
 #define _GNU_SOURCE
@@ -38,8 +39,8 @@ typedef struct Trace {
 
 static struct {
     bool ready;
-    long wanted, wanted_call, ncalls;
-    bool goes_on, second, memory, system;
+    long wanted, wanted_call, ncalls, stride, since; /* from the failure on every stride-th call fails; 0: none */
+    bool second, memory, system;
     const char *log;
     pthread_mutex_t lock;
     uint64_t seen[SITES];
@@ -72,7 +73,7 @@ __attribute__((constructor)) static void start(void) {
     fault.wanted = site ? strtol(site, NULL, 10) : -1;
     const char *call = getenv("FAULT_CALL");
     fault.wanted_call = call ? strtol(call, NULL, 10) : -1;
-    fault.goes_on = mode && !strcmp(mode, "on");
+    fault.stride = !mode ? 0 : !strcmp(mode, "on") ? 1 : !strcmp(mode, "third") ? 3 : 0;
     fault.second = mode && !strcmp(mode, "second");
     fault.memory = !kinds || strchr(kinds, 'm');
     fault.system = !kinds || strchr(kinds, 's');
@@ -102,7 +103,8 @@ static bool fails(const char *call, bool memory) {
     if (!fault.ready || busy || !(memory ? fault.memory : fault.system)) return false;
     if (memory && fault.wanted_call >= 0) {
         long at = __atomic_fetch_add(&fault.ncalls, 1, __ATOMIC_RELAXED);
-        return at == fault.wanted_call || (fault.goes_on && at > fault.wanted_call);
+        return at == fault.wanted_call ||
+               (fault.stride && at > fault.wanted_call && (at - fault.wanted_call) % fault.stride == 0);
     }
     busy = true;
     Trace t = {.n = 0};
@@ -111,8 +113,9 @@ static bool fails(const char *call, bool memory) {
     for (int i = 2; i < t.n; i++) h = (h ^ t.at[i]) * 0x9e3779b97f4a7c15u, h ^= h >> 29;
     h |= 1;
     pthread_mutex_lock(&fault.lock);
-    bool now = fault.goes_on && fault.fired && fault.fired_memory == memory;
-    if (!now && is_ours(&t)) {
+    bool follows = fault.stride && fault.fired && fault.fired_memory == memory;
+    bool now = follows && ++fault.since % fault.stride == 0;
+    if (!follows && is_ours(&t)) {
         uint64_t at = h % SITES;
         while (fault.seen[at] && fault.seen[at] != h) at = (at + 1) % SITES;
         bool first = !fault.seen[at];

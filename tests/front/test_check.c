@@ -274,7 +274,9 @@ static const Row constants[] = {
     {S("int n = 2; float a[n];"), "E0123@2:20"},
     {S("const int n = 2; float a[n]; float b[2]; a = b;"), ""},
     {S("float a[100000];"), "E0126@2:9"},
-    {F("param float a[5000][1000] = { { 1 } };"), "E0126@1:15"},
+    {F("param float a[500000][1000] = { { 1 } };"), "E0126@1:15"},
+    {F("const float a[5000][1000] = { { 1 } };"), "E0126@1:15"},
+    {F("typedef float Big[5000000]; param Big a = (Big)0;"), "E0126@1:43"},
     {S("float a[3]; float b[len(a) + 1]; float c[4]; c = b;"), ""},
     {S("int n = len(x);"), "E0119@2:13"},
     {F("param float v[][2] = { { 1, 2 }, { 3, 4 }, { 5, 6 } }; float f() { float a[len(v)]; float b[3]; a = b; return v[2][1]; }"),
@@ -503,14 +505,15 @@ static const Row shaders[] = {
      "E0101@1:20 E0107@1:45 E0204@1:66 E0101@1:70"},
 };
 
-static bool probe(void *user, const char *path, char kind, uint32_t dims[4], uint32_t *ndims, const char **why) {
+static bool probe(void *user, const char *path, const Symbol *of, uint32_t dims[4], uint32_t *ndims, const char **why) {
     (void)user;
+    TypeKind kind = of->type->kind;
     const char *name = strrchr(path, '/') ? strrchr(path, '/') + 1 : path;
     *ndims = 2;
-    if (!strcmp(name, "mesh.npy") && kind == 'a') dims[0] = 5, dims[1] = 3;
-    else if (!strcmp(name, "pts.npy") && kind == 'a') dims[0] = 5, dims[1] = 2;
-    else if (!strcmp(name, "a.exr") && kind == 't') dims[0] = 8, dims[1] = 4, dims[2] = 3, *ndims = 3;
-    else if (!strcmp(name, "dem.exr") && kind == 'g') dims[0] = 9, dims[1] = 9;
+    if (!strcmp(name, "mesh.npy") && kind == T_ARRAY) dims[0] = 5, dims[1] = 3;
+    else if (!strcmp(name, "pts.npy") && kind == T_ARRAY) dims[0] = 5, dims[1] = 2;
+    else if (!strcmp(name, "a.exr") && kind == T_TEXTURE) dims[0] = 8, dims[1] = 4, dims[2] = 3, *ndims = 3;
+    else if (!strcmp(name, "dem.exr") && kind == T_GEOMETRY) dims[0] = 9, dims[1] = 9;
     else {
         *why = "No such file or directory";
         return false;

@@ -15,8 +15,8 @@ typedef struct Job {
     char errors[512];
 } Job;
 
-static bool probe(void *user, const char *path, char kind, uint32_t dims[4], uint32_t *ndims, const char **why) {
-    (void)kind;
+static bool probe(void *user, const char *path, const Symbol *of, uint32_t dims[4], uint32_t *ndims, const char **why) {
+    (void)of;
     *(const char **)user = path;
     if (strstr(path, "none")) {
         *why = "No such file or directory";

@@ -138,11 +138,11 @@ static void test_glsl(void **state) {
     }
 }
 
-/* A pasted saw tooth: the wrap of mod moves with the phase, and the derivative says so. */
+/* A saw tooth, tagged where mod is called: its wrap moves with the phase, and the derivative says so. */
 static void test_glsl_mod_is_a_site(void **state) {
     (void)state;
     SltProgram *p = compile("import glsl;\nparam float phase = 0.13;\nshader float main(vec2 x) { "
-                            "return mod(3.3 * x.x + phase, 1.0); }\n",
+                            "[Disc] return mod(3.3 * x.x + phase, 1.0); }\n",
                             NULL);
     SltJob job = SLT_JOB_INIT;
     SltError err = {0};

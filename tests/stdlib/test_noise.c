@@ -134,8 +134,8 @@ static void test_no_warnings(void **state) {
     }
 }
 
-/* Only voronoi's identity is a site; its mean over many cells is that of a uniform number, and it
- * moves with p. */
+/* Only voronoi's identity is a site, where it is asked for; its mean over many cells is that of a uniform number, and
+ * it moves with p. */
 static void test_sites(void **state) {
     (void)state;
     SltProgram *p = compile("import noise;\nparam float2 shift = float2(0.3, 0.1);\nshader float main(float2 "
@@ -144,7 +144,7 @@ static void test_sites(void **state) {
     assert_int_equal(slt_site_count(p), 0);
     slt_program_free(p);
     p = compile("import noise;\nparam float2 shift = float2(0.3, 0.1);\n[Domain(0.0, 16.0)] shader "
-                "float main(float2 x) { return voronoi(x + shift).y; }\n",
+                "float main(float2 x) { [Disc] return voronoi(x + shift).y; }\n",
                 NULL);
     assert_true(slt_site_count(p) > 0);
     SltJob job = SLT_JOB_INIT;

@@ -55,6 +55,8 @@ uint32_t back_bits_bytes(const Plan *plan);               /* of a stored mask: w
 Plan back_plan(Fn *fn, const Target *target, uint32_t width);
 /* SLT_OK, or SLT_USAGE with a text (session arena). */
 int back_check_width(Session *s, uint32_t width, const char **why);
+/* Lanes of kernel j of a module of this width. */
+uint32_t back_kernel_width(const KernelRequest *k, uint32_t j, const BackOptions *o, uint32_t width);
 /* Does this value take one element a lane? False where all lanes share it, and at width 1. */
 bool back_is_vector(const Plan *plan, const Inst *i);
 uint32_t back_value_parts(const Plan *plan, const Inst *i); /* P or 1 */

@@ -37,6 +37,12 @@ uint32_t back_choose_width(const KernelRequest *k, uint32_t n, const Target *t) 
     return most <= LARGE ? 2 * lanes : lanes;
 }
 
+uint32_t back_kernel_width(const KernelRequest *k, uint32_t j, const BackOptions *o, uint32_t width) {
+    uint32_t lanes = o->target.vector_bytes / (k[j].fn->precision == PREC_F64 ? 8 : 4);
+    bool few = !o->width && j < 64 && o->few >> j & 1;
+    return few && width > lanes ? lanes : width;
+}
+
 static bool uses_pairs(const Block *b) {
     for (const Inst *i = b->first; i; i = i->next) {
         if (i->op == OP_partner || i->op == OP_both) return true;

@@ -125,12 +125,12 @@ static const char *part_name(Job *j, const char *name, uint32_t part) {
 
 /* A kernel over many sites is one function a part, and one that switches on the uniform site number: LLVM's time stays
  * linear. */
-static const char *emit_in_parts(Job *j, const KernelRequest *k) {
+static const char *emit_in_parts(Job *j, const KernelRequest *k, uint32_t width) {
     const LlvmApi *ll = &j->api;
     uint32_t part = 0;
     for (Fn *fn = k->fn; fn; fn = fn->next_part) {
         KernelRequest one = {part_name(j, k->name, part++), fn};
-        const char *why = back_emit_kernel(ll, j->ctx, j->mod, &one, j->o, j->width);
+        const char *why = back_emit_kernel(ll, j->ctx, j->mod, &one, j->o, width);
         if (why) return why;
         ll->SetLinkage(ll->GetNamedFunction(j->mod, one.name), LLVMInternalLinkage);
     }
@@ -171,8 +171,9 @@ static void generate(Session *s, void *arg) {
     if (!open_target(j)) return;
     for (uint32_t k = 0; k < j->n; k++) {
         ArenaMark mark = arena_mark(&s->scratch);
-        const char *why = j->k[k].fn->next_part ? emit_in_parts(j, &j->k[k])
-                                                : back_emit_kernel(ll, j->ctx, j->mod, &j->k[k], j->o, j->width);
+        uint32_t width = back_kernel_width(j->k, k, j->o, j->width);
+        const char *why = j->k[k].fn->next_part ? emit_in_parts(j, &j->k[k], width)
+                                                : back_emit_kernel(ll, j->ctx, j->mod, &j->k[k], j->o, width);
         if (why) fail(j, SLT_LIMIT, arena_printf(&s->session, "kernel %s: %s", j->k[k].name, why));
         arena_reset(&s->scratch, mark);
         if (why) return;

@@ -97,10 +97,10 @@ static int compile(Session *s, const KernelRequest *k, uint32_t n, const BackOpt
     unsigned char *payload = make_payload(&g, n, &size);
     free(g.bytes);
     if (!payload || !adopt(m, payload, size, &bad)) {
-        bool no_memory = !payload || errno == ENOMEM;
+        bool no_memory = !payload || errno == ENOMEM, refused = errno == EACCES || errno == EPERM;
         free(payload);
         *why = arena_printf(&s->session, "cannot load the compiled kernels: %s", no_memory ? "out of memory" : bad);
-        return no_memory ? SLT_LIMIT : SLT_INTERNAL;
+        return no_memory || refused ? SLT_LIMIT : SLT_INTERNAL;
     }
     if (folder)
         (void)cache_write(&s->scratch, folder, &key, payload,

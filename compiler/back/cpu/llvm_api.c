@@ -6,6 +6,7 @@
 #include <errno.h>
 #include <stdbool.h>
 #include <stddef.h>
+#include <string.h>
 #include <unistd.h>
 
 #define STRING_(x) #x
@@ -26,6 +27,7 @@ const char *back_llvm_file(void) {
 
 const char *llvm_open(LlvmApi *api, bool *no_memory) {
     void *h = NULL;
+    const char *why = NULL;
     *no_memory = guard_broken();
     if (*no_memory) return "it ran out of memory in this process before";
     guard_open(true);
@@ -34,11 +36,13 @@ const char *llvm_open(LlvmApi *api, bool *no_memory) {
         errno = 0;
         h = dlopen(files[i], RTLD_NOW | RTLD_LOCAL);
         *no_memory = !h && errno == ENOMEM;
+        why = h ? NULL : dlerror();
+        /* The loader keeps the error of its own mmap to itself. */
+        if (why && strstr(why, "failed to map")) *no_memory = true, why = "out of memory: it could not be mapped";
+        else if (*no_memory) why = "out of memory";
         if (*no_memory) break; /* of the file that is there: others would only be said to be missing */
     }
     guard_open(false);
-    if (*no_memory) return "out of memory";
-    const char *why = h ? NULL : dlerror();
     if (!h) return why ? why : "the loader gives no reason";
     api->handle = h;
 #define FN(name)                                                                                                       \

@@ -5,6 +5,7 @@
  * of the object is checked against its size: objects also come from the disk. */
 #include <elf.h>
 #include <math.h>
+#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
@@ -232,12 +233,14 @@ Loaded *load_object(const unsigned char *bytes, size_t size, const char **why) {
     }
     if (ok && (mprotect(l.base, l.code_end, PROT_READ | PROT_EXEC) ||
                (l.mapped > l.code_end && mprotect(l.base + l.code_end, l.mapped - l.code_end, PROT_READ))))
-        ok = bad(&l, "the system refuses executable memory");
+        ok = bad(&l, "the system refuses executable memory, which --interpret does without");
     free(l.address);
     if (!ok) {
+        int code = errno; /* tells what the system refused from what is wrong with the object */
         if (l.base) munmap(l.base, l.mapped);
         if (out) free(out->symbols);
         free(out);
+        errno = code;
         *why = l.why ? l.why : "out of memory";
         return NULL;
     }

@@ -203,6 +203,7 @@ static Type *fixed_type(Checker *c, char letter) {
     case 'w': return type_vector(c->s, T_UINT, 2);
     case 'W': return type_vector(c->s, T_UINT, 3);
     case 'x': return type_vector(c->s, T_INT, 2);
+    case 'y': return type_vector(c->s, T_INT, 3);
     default: return NULL;
     }
 }
@@ -510,8 +511,12 @@ Expr *check_zero(Checker *c, Span at, Type *t) {
 
 static Expr *construct_aggregate(Checker *c, Expr *e, Type *t) {
     if (e->explicit_cast && e->nargs == 1 && e->args[0]->kind == E_LITERAL && e->args[0]->type == c->t_int &&
-        !e->args[0]->cval.v[0].i)
-        return check_zero(c, e->span, t);
+        !e->args[0]->cval.v[0].i) {
+        if (type_components(t) <= CHECK_MAX_CONST) return check_zero(c, e->span, t);
+        diag_emit(c->s, DIAG_array_limit, e->span,
+                  arena_printf(&c->s->session, "a zero of %u scalars", type_components(t)), "4194304 (2^22)");
+        return fail(c, e);
+    }
     if (t->kind == T_STRUCT && !e->explicit_cast) { /* Disc(a, b) is the list { a, b } */
         e->kind = E_LIST;
         return check_list(c, e, t);

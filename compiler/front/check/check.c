@@ -206,9 +206,10 @@ static void fill_language(Checker *c) {
     Session *s = c->s;
     c->t_error = type_scalar(T_ERROR), c->t_void = type_scalar(T_VOID), c->t_bool = type_scalar(T_BOOL),
     c->t_int = type_scalar(T_INT);
-    c->t_uint = type_scalar(T_UINT), c->t_float = type_scalar(T_FLOAT), c->t_texture = type_scalar(T_TEXTURE);
-    Type *types[32] = {c->t_void, c->t_bool, c->t_int, c->t_uint, c->t_float, c->t_texture};
-    uint32_t n = 6;
+    c->t_uint = type_scalar(T_UINT), c->t_float = type_scalar(T_FLOAT);
+    Type *types[32] = {c->t_void, c->t_bool, c->t_int, c->t_uint, c->t_float};
+    uint32_t n = 5;
+    types[n++] = type_scalar(T_TEXTURE), types[n++] = type_scalar(T_TEXTURE3D);
     for (int k = 0; k < SLT_GEOMETRIES; k++) types[n++] = type_geometry((SltGeometryKind)k);
     for (uint32_t w = 2; w <= 4; w++) {
         for (TypeKind k = T_BOOL; k <= T_FLOAT; k++) types[n++] = type_vector(s, k, w);
@@ -432,7 +433,6 @@ static void check_function(Checker *c, Func *f) {
     context_leave(c, old);
     check_loops(c, f);
     if (!f->module->glsl && !syntax_error_in(c, f)) check_flow(c, f); /* GLSL reads what has no value: zero */
-    check_discs(c, f);
 }
 
 /* ---- the call graph */
@@ -604,6 +604,7 @@ Func *check_program(Session *s, Module *main, const FrontOptions *opt) {
         }
     }
     for (uint32_t i = 0; i < c->ninfo; i++) check_function(c, c->info[i].func);
+    for (uint32_t i = 0; i < c->ninfo; i++) check_discs(c, c->info[i].func); /* looks into functions: all have types */
     Frame *stack = ARENA_ARRAY(c->arena, Frame, c->ninfo + 1);
     for (uint32_t i = 0; i < c->ninfo; i++)
         if (!c->info[i].color) walk_calls(c, &c->info[i], stack);

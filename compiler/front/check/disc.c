@@ -2,13 +2,20 @@
  *
  * [Disc] marks the comparisons of floats and the jumping builtins written in the statement itself. If there are none,
  * the tag is in the wrong place, and the note shows the right one: the comparison that computed the value, in the
- * declaration or assignment of a local that the statement uses, or in a function that it calls. */
+ * declaration or assignment of a local that the statement uses, or in a function that it calls.
+ *
+ * A function of the standard library that jumps (its statements without [NoDisc]) is like a jumping builtin: its places
+ * are sites where the statement that calls it is tagged, and only there. */
 #include "compiler/front/check/internal.h"
 
 typedef struct Discs {
     Checker *c;
     Expr **source; /* by Symbol.id: the last comparison that went into it */
 } Discs;
+
+enum { JUMPS_UNKNOWN, JUMPS_ASKED, JUMPS_NO, JUMPS_YES }; /* FuncInfo.jumps */
+
+static bool library_jumps(Checker *c, Func *f);
 
 static bool is_float_value(const Type *t) { return t && scalar_kind(t) == T_FLOAT; }
 
@@ -41,6 +48,11 @@ static bool is_site(const Expr *e) {
     }
 }
 
+/* A site, or a call of a function of the library that has one. */
+static bool covers(Checker *c, const Expr *e) {
+    return is_site(e) || (e->kind == E_CALL && e->func && library_jumps(c, e->func));
+}
+
 /* The expressions that belong to the statement itself. */
 static void visit_own(Stmt *st, void (*f)(Expr *, void *), void *user) {
     for (uint32_t i = 0; i < st->ndecls; i++) visit_expr(st->decls[i]->init, f, user);
@@ -63,15 +75,49 @@ static void first_site(Expr *e, void *user) {
     if (!*found && is_site(e)) *found = e;
 }
 
+typedef struct Jumps {
+    Checker *c;
+    bool found;
+} Jumps;
+
+static void find_jump(Expr *e, void *user) {
+    Jumps *j = user;
+    j->found = j->found || covers(j->c, e);
+}
+
+static void find_jumps(Stmt *st, Jumps *j) {
+    if (!st || j->found) return;
+    if (!st->attrs.nodisc) visit_own(st, find_jump, j);
+    find_jumps(st->body, j);
+    find_jumps(st->orelse, j);
+    for (uint32_t i = 0; i < st->nstmts; i++) find_jumps(st->stmts[i], j);
+    for (uint32_t i = 0; i < st->ncases; i++)
+        for (uint32_t k = 0; k < st->cases[i].nbody; k++) find_jumps(st->cases[i].body[k], j);
+}
+
+/* One that calls itself is an error elsewhere; here it only has to end. */
+static bool library_jumps(Checker *c, Func *f) {
+    if (!f->module->is_stdlib || !f->body || f->nodisc) return false;
+    FuncInfo *info = func_info(c, f);
+    if (info->jumps == JUMPS_UNKNOWN) {
+        info->jumps = JUMPS_ASKED;
+        Jumps j = {c, false};
+        find_jumps(f->body, &j);
+        info->jumps = j.found ? JUMPS_YES : JUMPS_NO;
+        f->jumps = j.found;
+    }
+    return info->jumps == JUMPS_YES;
+}
+
 static void cover(Expr *e, void *user) {
     Cover *k = user;
     if (e->type && e->type->kind == T_ERROR) k->error = true;
-    if (is_site(e) && !k->site) k->site = e;
+    if (!k->site && covers(k->d->c, e)) k->site = e;
     if (e->kind == E_BINARY && (e->op == OPR_EQ || e->op == OPR_NE) && is_float_value(e->a[0]->type) && !k->equality)
         k->equality = e;
     if (k->computed) return;
     if (e->kind == E_NAME && e->sym && e->sym->kind == SYM_LOCAL) k->computed = k->d->source[e->sym->id];
-    if (e->kind == E_CALL && e->func && e->func->body) {
+    if (e->kind == E_CALL && e->func && e->func->body && !e->func->module->is_stdlib) {
         FuncInfo *info = func_info(k->d->c, e->func);
         if (!info->looked_for_site) visit_stmt(e->func->body, first_site, &info->first_site);
         info->looked_for_site = true;
@@ -123,6 +169,8 @@ static void walk(Discs *d, Stmt *st) {
 }
 
 void check_discs(Checker *c, Func *f) {
+    if (!f->body) return;
+    library_jumps(c, f);
     ArenaMark mark = arena_mark(&c->s->scratch);
     Discs d = {.c = c, .source = ARENA_ARRAY(&c->s->scratch, Expr *, f->nlocals + 1)};
     walk(&d, f->body);

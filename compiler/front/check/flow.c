@@ -45,6 +45,7 @@ static uint32_t bits_of(const Type *t) {
     case T_VOID:
     case T_ARRAY:
     case T_TEXTURE:
+    case T_TEXTURE3D:
     case T_GEOMETRY: return 0;
     }
     return 0;

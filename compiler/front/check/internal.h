@@ -61,6 +61,7 @@ typedef struct FuncInfo {
     Span cull_span; /* first [Cull] in the function or in what it calls */
     uint8_t color;  /* call graph: 0 new, 1 on the stack, 2 done */
     bool signature_ok, duplicate;
+    uint8_t jumps;        /* disc.c's own */
     bool looked_for_site; /* first_site is known */
     Expr *first_site;     /* the first jump written in the body, for notes; NULL: none */
 } FuncInfo;
@@ -97,13 +98,14 @@ typedef struct Checker {
     NameMap builtin_types; /* -> Type */
     NameMap builtin_funcs; /* -> (void *)(uintptr_t)Builtin */
     const char *name_len, *name_pi, *name_tau, *name_infinity, *name_epsilon;
-    Type *t_error, *t_void, *t_bool, *t_int, *t_uint, *t_float, *t_texture, *t_hit, *t_silhouette;
+    Type *t_error, *t_void, *t_bool, *t_int, *t_uint, *t_float, *t_hit, *t_silhouette;
     Decl poison; /* what a name stands for after its error was reported */
     Vec(CullLoop) culls;
 } Checker;
 
 #define CHECK_MAX_DEPTH 6000       /* nested expressions and declarations; the parser allows 4096 in one expression */
-#define CHECK_MAX_ARRAY (1u << 22) /* scalars in an array of any kind */
+#define CHECK_MAX_ARRAY (1u << 28) /* scalars in an array of any kind */
+#define CHECK_MAX_CONST (1u << 22) /* scalars in an array whose values are expressions: a constant, a list, a zero */
 #define CHECK_MAX_LOCAL (1u << 16) /* scalars in a local array: it lives in every lane */
 #define CHECK_MAX_TRIPS ((int64_t)1 << 24)   /* iterations of a loop */
 #define CHECK_MAX_TEXELS ((uint64_t)1 << 28) /* numbers in a texture or geometry */

@@ -120,7 +120,7 @@ void check_const_decl(Checker *c, Symbol *sym, ModuleScope *scope) {
     Context old = context_enter(c, scope, NULL);
     sym->module = scope->module;
     bool open = sym->type_ref->ndims && !sym->type_ref->dims[0] && sym->init && sym->init->kind == E_LIST;
-    Type *t = resolve_type(c, sym->type_ref, open, CHECK_MAX_ARRAY);
+    Type *t = resolve_type(c, sym->type_ref, open, CHECK_MAX_CONST);
     if (open && t->kind == T_ARRAY) t = type_array(c->s, t->elem, sym->init->nargs ? sym->init->nargs : 1);
     if (type_is_resource(t)) {
         diag_emit(c->s, DIAG_bad_resource, sym->span,
@@ -154,14 +154,21 @@ static ParamFile *file_override(Checker *c, const char *name) {
     return NULL;
 }
 
-static bool probe_asset(Checker *c, Symbol *sym, char kind, uint32_t dims[4], uint32_t *ndims) {
+/* The file of a path that may name a part of it, `spot.obj:normals`. */
+static const char *file_of(Checker *c, const char *path) {
+    const char *colon = strrchr(path, ':');
+    return !colon || strchr(colon, '/') ? path : arena_strndup(&c->s->session, path, (size_t)(colon - path));
+}
+
+static bool probe_asset(Checker *c, const Symbol *sym, uint32_t dims[4], uint32_t *ndims) {
     const char *why = NULL;
     bool ok = false;
     *ndims = 0;
     bool own = !file_override(c, sym->doc_name); /* the source names it, and not the caller */
     if (!c->opt || !c->opt->probe) why = "files cannot be read here";
-    else if (!own || session_allows(c->s, sym->asset_text, sym->asset, &why))
-        ok = c->opt->probe(c->opt->probe_user, sym->asset, kind, dims, ndims, &why);
+    else if (!own || (session_allows(c->s, sym->asset_text, sym->asset, &why) &&
+                      session_allows(c->s, sym->asset_text, file_of(c, sym->asset), &why)))
+        ok = c->opt->probe(c->opt->probe_user, sym->asset, sym, dims, ndims, &why);
     if (ok) return true;
     diag_emit(c->s, DIAG_bad_asset, sym->value_span.file >= 0 ? sym->value_span : sym->span, sym->asset,
               why ? why : "unknown reason");
@@ -180,7 +187,7 @@ static Type *shape_error(Checker *c, const Symbol *sym, const char *text) {
 static Type *array_from_asset(Checker *c, Symbol *sym, Type *t) {
     Session *s = c->s;
     uint32_t dims[4] = {0}, nd = 0;
-    if (!probe_asset(c, sym, 'a', dims, &nd)) return c->t_error;
+    if (!probe_asset(c, sym, dims, &nd)) return c->t_error;
     uint64_t total = 1;
     const char *shape = "";
     for (uint32_t i = 0; i < nd && i < 4; i++) {
@@ -188,7 +195,8 @@ static Type *array_from_asset(Checker *c, Symbol *sym, Type *t) {
         shape = arena_printf(&s->session, "%s%s%u", shape, i ? " x " : "", dims[i]);
     }
     uint64_t per = type_components(t->elem), first = nd ? dims[0] : 0;
-    if (nd == 2 && per == 1 && dims[0] == 1) first = dims[1]; /* one line of numbers */
+    if (per && total % per == 0 && (nd == 1 || (nd == 2 && dims[0] == 1)))
+        first = total / per; /* one line of numbers */
     if (!first || total != first * per)
         return shape_error(c, sym,
                            arena_printf(&s->session, "`%s` has %s numbers, `%s` has %llu in an element of type %s",
@@ -200,7 +208,7 @@ static Type *array_from_asset(Checker *c, Symbol *sym, Type *t) {
                                         (unsigned long long)first, sym->name, t->n));
     if (total > CHECK_MAX_ARRAY) {
         diag_emit(s, DIAG_array_limit, sym->span, arena_printf(&s->session, "%llu scalars", (unsigned long long)total),
-                  "4194304 (2^22)");
+                  "268435456 (2^28)");
         return c->t_error;
     }
     return t->n ? t : type_array(s, t->elem, (uint32_t)first);
@@ -209,49 +217,60 @@ static Type *array_from_asset(Checker *c, Symbol *sym, Type *t) {
 /* The row of a geometry's type; of a texture, NULL. */
 static const GeometryType *geometry_of(const Type *t) { return t->kind == T_GEOMETRY ? &geometry_types[t->n] : NULL; }
 
+/* "8 x 4 with 3 channels", "8 x 4 x 2 with 1 channel". */
+static const char *texture_shape(Checker *c, const Symbol *sym) {
+    const char *depth = sym->type->kind == T_TEXTURE3D ? arena_printf(&c->s->session, " x %u", sym->tex_d) : "";
+    return arena_printf(&c->s->session, "%u x %u%s with %u channels", sym->tex_w, sym->tex_h, depth, sym->tex_c);
+}
+
 static bool texture_from_asset(Checker *c, Symbol *sym, const GeometryType *grid) {
-    uint32_t dims[4] = {0}, nd = 0;
-    if (!probe_asset(c, sym, grid ? 'g' : 't', dims, &nd)) return false;
+    uint32_t dims[4] = {0}, nd = 0, least = grid ? grid->least : 1;
+    bool volume = sym->type->kind == T_TEXTURE3D;
+    if (!probe_asset(c, sym, dims, &nd)) return false;
     sym->tex_w = dims[0];
     sym->tex_h = nd > 1 ? dims[1] : 0;
-    sym->tex_c = grid ? 1 : nd > 2 ? dims[2] : 1;
-    uint32_t least = grid ? grid->least : 1;
-    if (sym->tex_w < least || sym->tex_h < least || sym->tex_c < 1 || sym->tex_c > 4 ||
-        (uint64_t)sym->tex_w * sym->tex_h * sym->tex_c > CHECK_MAX_TEXELS) {
+    sym->tex_d = volume ? dims[2] : 0;
+    sym->tex_c = grid ? 1 : volume ? dims[3] : nd > 2 ? dims[2] : 1;
+    if (sym->tex_w < least || sym->tex_h < least || (volume && !sym->tex_d) || sym->tex_c < 1 || sym->tex_c > 4 ||
+        (double)sym->tex_w * sym->tex_h * (volume ? sym->tex_d : 1) * sym->tex_c > (double)CHECK_MAX_TEXELS) {
         shape_error(c, sym,
-                    arena_printf(&c->s->session, "`%s` is %u x %u with %u channels, which is no %s", sym->asset,
-                                 sym->tex_w, sym->tex_h, sym->tex_c, sym->type->name));
+                    arena_printf(&c->s->session, "`%s` is %s, which is no %s", sym->asset, texture_shape(c, sym),
+                                 sym->type->name));
         return false;
     }
     return true;
 }
 
 static bool texture_zeros(Checker *c, Symbol *sym, const GeometryType *grid) {
-    int64_t v[3] = {0, 0, grid ? 1 : 4};
-    bool ok = true;
-    for (uint32_t i = 0; i < sym->nzeros_args && i < 3; i++) {
+    Session *s = c->s;
+    bool volume = sym->type->kind == T_TEXTURE3D, ok = true;
+    uint32_t sides = volume ? 3 : 2;
+    int64_t v[4] = {0}, least = grid ? grid->least : 1;
+    v[sides] = grid ? 1 : 4;
+    double total = 1;
+    const char *why = NULL, *what = sym->type->kind == T_TEXTURE ? "texture" : sym->type->name;
+    for (uint32_t i = 0; i < sym->nzeros_args && i <= sides; i++) {
         sym->zeros_args[i] = check_value(c, sym->zeros_args[i]);
         ok &= const_int(c, sym->zeros_args[i], "an argument of `zeros`", &v[i]);
     }
     if (!ok) return false;
-    Span at = sym->value_span.file >= 0 ? sym->value_span : sym->span;
-    int64_t least = grid ? grid->least : 1;
-    const char *why = NULL;
-    if (grid && sym->nzeros_args == 3 && v[2] != 1)
-        why = arena_printf(&c->s->session, "a %s has one channel", grid->name);
-    else if (v[2] < 1 || v[2] > 4) why = "a texture has 1 to 4 channels";
-    else if (v[0] < least || v[1] < least)
-        why = arena_printf(&c->s->session, "a %s is at least %d x %d", grid ? grid->name : "texture", (int)least,
-                           (int)least);
-    else if (v[0] > 1 << 24 || v[1] > 1 << 24 || (uint64_t)(v[0] * v[1]) * (uint64_t)v[2] > CHECK_MAX_TEXELS)
-        why = "more than 2^28 numbers";
+    for (uint32_t i = 0; i <= sides; i++) total *= (double)v[i];
+    for (uint32_t i = 0; i < sides; i++)
+        if (v[i] < least)
+            why = arena_printf(&s->session, "a %s is at least %d x %d%s", what, (int)least, (int)least,
+                               volume ? " x 1" : "");
+    if (sym->nzeros_args < sides || sym->nzeros_args > sides + 1)
+        why = arena_printf(&s->session, "a %s is `zeros(width, height%s)`, or with the number of channels behind", what,
+                           volume ? ", depth" : "");
+    else if (grid && v[sides] != 1) why = arena_printf(&s->session, "a %s has one channel", grid->name);
+    else if (v[sides] < 1 || v[sides] > 4) why = arena_printf(&s->session, "a %s has 1 to 4 channels", what);
+    else if (!why && total > (double)CHECK_MAX_TEXELS) why = "more than 2^28 numbers";
     if (why) {
-        diag_emit(c->s, DIAG_bad_zeros, at, why);
+        diag_emit(s, DIAG_bad_zeros, sym->value_span.file >= 0 ? sym->value_span : sym->span, why);
         return false;
     }
-    sym->tex_w = (uint32_t)v[0];
-    sym->tex_h = (uint32_t)v[1];
-    sym->tex_c = (uint32_t)v[2];
+    sym->tex_w = (uint32_t)v[0], sym->tex_h = (uint32_t)v[1], sym->tex_d = volume ? (uint32_t)v[2] : 0;
+    sym->tex_c = (uint32_t)v[sides];
     return true;
 }
 
@@ -324,8 +343,10 @@ static bool param_value(Checker *c, Symbol *sym) {
     if (type_is_resource(t)) {
         if (sym->asset) return texture_from_asset(c, sym, geometry_of(t));
         if (sym->zeros) return texture_zeros(c, sym, geometry_of(t));
-        return param_error(
-            c, sym, arena_printf(&s->session, "the value of a %s is a file (`\"a.exr\"`) or `zeros(w, h)`", t->name));
+        return param_error(c, sym,
+                           arena_printf(&s->session, "the value of a %s is a file (`\"%s\"`) or `zeros(w, h%s)`",
+                                        t->name, t->kind == T_TEXTURE3D ? "a.npy" : "a.exr",
+                                        t->kind == T_TEXTURE3D ? ", d" : ""));
     }
     if (sym->zeros)
         return param_error(
@@ -347,7 +368,7 @@ static bool param_value(Checker *c, Symbol *sym) {
     if (open) {
         if (sym->init->kind == E_LIST) {
             if (!sym->init->nargs) return param_error(c, sym, "an array has at least one element");
-            if ((uint64_t)sym->init->nargs * type_components(t->elem) > CHECK_MAX_ARRAY) {
+            if ((uint64_t)sym->init->nargs * type_components(t->elem) > CHECK_MAX_CONST) {
                 diag_emit(s, DIAG_array_limit, sym->span, "more than 4194304 scalars", "4194304 (2^22)");
                 return false;
             }
@@ -438,8 +459,7 @@ static void param_attrs(Checker *c, Symbol *sym) {
             diag_emit(c->s, DIAG_attr_args, a->height_span, "[Height(scale, offset)] needs finite numbers");
     }
     if (a->log && !has_scalars(t, true)) misplaced(c, a->log_span, sym, "Log", t);
-    if (a->color && elem->kind != T_TEXTURE &&
-        !(elem->kind == T_VECTOR && elem->n >= 3 && scalar_kind(elem) == T_FLOAT))
+    if (a->color && !type_is_texture(elem) && !(elem->kind == T_VECTOR && elem->n >= 3 && scalar_kind(elem) == T_FLOAT))
         misplaced(c, a->color_span, sym, "Color", t);
 }
 

@@ -180,9 +180,11 @@ Type *resolve_type(Checker *c, TypeRef *ref, bool allow_open, uint32_t limit) {
         total *= dims[i] ? (uint64_t)dims[i] : 1;
         if (total > limit) {
             diag_emit(s, DIAG_array_limit, ref->dims[i] ? ref->dims[i]->span : ref->span,
-                      total > CHECK_MAX_ARRAY ? "more than 4194304 scalars"
+                      total > CHECK_MAX_ARRAY ? "more than 268435456 scalars"
                                               : arena_printf(&s->session, "%llu scalars", (unsigned long long)total),
-                      limit == CHECK_MAX_LOCAL ? "65536 (2^16)" : "4194304 (2^22)");
+                      limit == CHECK_MAX_LOCAL   ? "65536 (2^16)"
+                      : limit == CHECK_MAX_CONST ? "4194304 (2^22)"
+                                                 : "268435456 (2^28)");
             return c->t_error;
         }
         t = type_array(s, t, (uint32_t)dims[i]);
@@ -203,8 +205,7 @@ Type *unify(Checker *c, Type *a, Type *b) {
 }
 
 bool is_texture_result(const Expr *e) {
-    return e->kind == E_METHOD && (e->method == M_SAMPLE || e->method == M_NEAREST || e->method == M_LOAD) && e->type &&
-           e->type->kind == T_VECTOR;
+    return e->kind == E_METHOD && methods[e->method].signature[0] == '4' && e->type && e->type->kind == T_VECTOR;
 }
 
 int conversion_cost(Expr *e, const Type *to, unsigned flags) {

@@ -23,13 +23,22 @@ const char *gen_path(Lower *l) {
     return text;
 }
 
-Span gen_shown(const Lower *l, Span span) { return l->frame && l->frame->shown ? *l->frame->shown : span; }
+/* What only the caller makes a site, or could, is shown where it calls. */
+Span gen_shown(const Lower *l, Span span) {
+    const Frame *f = l->frame;
+    if (f && f->shown) return *f->shown;
+    return f && f->library && !l->tag.own ? *f->library : span;
+}
 
 Val gen_inline(Lower *l, Func *f, const Bind *args, Span span) {
     Frame frame = {.func = f, .caller = l->frame, .call_span = span, .depth = l->frame ? l->frame->depth + 1 : 0};
     if (frame.depth > MAX_CALL_DEPTH) gen_too_large(l, span);
     if (l->frame && l->frame->shown) frame.shown = l->frame->shown;
     else if (l->program->is_glsl && f->module->is_stdlib) frame.shown = &frame.call_span;
+    if (f->module->is_stdlib) {
+        frame.library = l->frame && l->frame->library ? l->frame->library : &frame.call_span;
+        frame.asked = l->tag.disc, frame.by_auto = l->tag.by_auto, frame.quiet = l->tag.nodisc;
+    }
     frame.bind = ARENA_ARRAY(l->arena, Bind, f->nlocals + 1);
     for (uint32_t i = 0; i < f->nargs; i++) frame.bind[f->args[i]->id] = args[i];
     bool is_void = f->ret->kind == T_VOID;

@@ -186,7 +186,7 @@ static bool jumping_builtin(Builtin b) {
     /* clang-format on */
 }
 
-/* Would [Disc] make a site of something written here? Calls are not looked into. */
+/* Would [Disc] make a site of something written here? Of calls, in those of the standard library that jump. */
 bool expr_has_site(const Expr *e) {
     if (!e || e->is_const) return false;
     if (e->kind == E_BINARY && type_is_float(e->a[0]->type) &&
@@ -197,6 +197,7 @@ bool expr_has_site(const Expr *e) {
     if (e->kind == E_METHOD && (methods[e->method].kind == METHOD_JUMPS || methods[e->method].query != SLT_QUERIES))
         return true;
     if (e->kind == E_CONVERT && type_is_float(e->a[0]->type) && !type_is_float(e->type)) return true;
+    if (e->kind == E_CALL && e->func->jumps) return true;
     for (uint32_t i = 0; i < 3; i++)
         if (expr_has_site(e->a[i])) return true;
     for (uint32_t i = 0; i < e->nargs; i++)

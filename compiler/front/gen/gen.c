@@ -34,6 +34,7 @@ static void add_leaves(Lower *l, Leaves *out, Type *t, uint32_t count, bool in_a
     case T_ERROR:
     case T_VOID:
     case T_TEXTURE:
+    case T_TEXTURE3D:
     case T_GEOMETRY: break;
     }
 }
@@ -260,13 +261,13 @@ static void collect_params(Lower *l, Module *main) {
             q->type = s->type;
             q->sym = s;
             q->attrs = s->attrs;
-            q->is_texture = s->type->kind == T_TEXTURE;
+            q->is_texture = type_is_texture(s->type);
             q->is_geometry = s->type->kind == T_GEOMETRY;
             q->asset = s->asset;
             uint64_t nf, ni = 0;
             if (param_is_image(q)) {
-                q->tex_w = s->tex_w, q->tex_h = s->tex_h, q->tex_c = s->tex_c;
-                nf = (uint64_t)q->tex_w * q->tex_h * q->tex_c;
+                q->tex_w = s->tex_w, q->tex_h = s->tex_h, q->tex_d = s->tex_d, q->tex_c = s->tex_c;
+                nf = (uint64_t)q->tex_w * q->tex_h * (q->tex_d ? q->tex_d : 1) * q->tex_c;
             } else {
                 const Layout *layout = gen_layout(l, s->type);
                 nf = layout->nfloats, ni = layout->nints;

@@ -13,6 +13,7 @@ Val gen_method(Lower *l, Expr *e) {
         Val v = val_new(l, e->type);
         v.c[0] = ki(l, sym->tex_w);
         v.c[1] = ki(l, sym->tex_h);
+        if (v.n > 2) v.c[2] = ki(l, sym->tex_d);
         return v;
     }
     return sym->type->kind == T_GEOMETRY ? geometries[sym->type->n](l, e, sym) : gen_texture(l, e, sym);

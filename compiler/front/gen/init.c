@@ -5,8 +5,8 @@
 #include "include/saltus/kernel.h"
 #include "include/saltus/status.h"
 
-/* About two seconds in the interpreter. */
-enum { INIT_INSTRUCTIONS = 1 << 25 };
+/* About two seconds in the interpreter, and of large arrays 128 instructions an element: it takes 16 at once. */
+enum { INIT_INSTRUCTIONS = 1 << 25, INIT_INSTRUCTIONS_EACH = 8 };
 
 typedef struct Filler {
     Lower *l;
@@ -125,6 +125,7 @@ static uint32_t number_scalars(Slots *s, const Type *t, uint32_t leaf, uint32_t 
     case T_ERROR:
     case T_VOID:
     case T_TEXTURE:
+    case T_TEXTURE3D:
     case T_GEOMETRY: break;
     }
     return 0;
@@ -200,7 +201,7 @@ void gen_initial_values(Lower *l) {
     Program *p = l->program;
     p->init_floats = ARENA_ARRAY(l->arena, double, p->nfloats + 1);
     p->init_ints = ARENA_ARRAY(l->arena, int32_t, p->nints + 1);
-    p->init_fuel = INIT_INSTRUCTIONS;
+    p->init_fuel = INIT_INSTRUCTIONS + INIT_INSTRUCTIONS_EACH * ((uint64_t)p->nfloats + p->nints);
     for (uint32_t i = 0; i < p->nparams; i++) {
         Param *q = &p->params[i];
         Symbol *sym = q->sym;

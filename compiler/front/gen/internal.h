@@ -111,6 +111,9 @@ struct Frame {
     Frame *caller;
     Span call_span;
     const Span *shown; /* of a function behind GLSL's names: where the source calls it, for messages; else NULL */
+    /* Of a function of the standard library; else `library` is NULL. */
+    const Span *library;        /* where a source calls it */
+    bool asked, by_auto, quiet; /* the tag of the statement that calls it: [Disc], --disc auto, [NoDisc] */
     Bind *bind;
     Var *ret;                  /* one a leaf of the result */
     Var *ret_flag, *brk, *cnt; /* a return, break or continue was taken; brk and cnt: to the innermost target */
@@ -121,6 +124,7 @@ struct Frame {
 typedef struct Tag {
     bool disc, nodisc;
     bool by_auto;  /* disc by --disc auto alone */
+    bool own;      /* [Disc] stands before the statement itself */
     LoopCtx *skip; /* sites go to this loop's records */
 } Tag;
 

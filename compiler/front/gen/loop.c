@@ -524,7 +524,7 @@ void gen_loop(Lower *l, Stmt *s) {
     }
     if (job.by_index) job.start = var_get(l, job.counter.var);
 
-    bool sites = (s->attrs.disc || l->opt->front.disc_auto) && expr_has_site(s->expr);
+    bool sites = tag_for(l, s).disc && expr_has_site(s->expr);
     bool cheap = !s->expr || (!expr_uses_rand(l, s->expr) && expr_cost(l, s->expr, ROTATE_COST) <= ROTATE_COST);
     bool plain = s->kind == S_DO || !s->expr || (!sites && cheap);
     /* `while (h > eps)` asks what the step before it found: there it is the march that opt_marches knows. */

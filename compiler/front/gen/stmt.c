@@ -197,10 +197,12 @@ void gen_list(Lower *l, Stmt **stmts, uint32_t n) {
 
 Tag tag_for(Lower *l, const Stmt *s) {
     Tag t = l->tag;
-    bool nodisc = s->attrs.nodisc || (l->frame && l->frame->func->nodisc);
-    t.nodisc = nodisc;
-    t.disc = s->attrs.disc || (l->opt->front.disc_auto && !nodisc);
-    t.by_auto = !s->attrs.disc;
+    const Frame *f = l->frame;
+    bool library = f && f->library, hushed = library && f->quiet;
+    t.nodisc = s->attrs.nodisc || (f && f->func->nodisc) || hushed;
+    t.own = s->attrs.disc && !hushed;
+    t.disc = t.own || ((library ? f->asked : l->opt->front.disc_auto) && !t.nodisc);
+    t.by_auto = !t.own && (!library || f->by_auto);
     if (s->kind == S_PRINT || s->kind == S_ASSERT) t.disc = false, t.nodisc = true;
     return t;
 }

@@ -129,7 +129,7 @@ static Expr *size_of_image(Parser *p, const Symbol *sym) {
 
 static void keep_uniform(Parser *p, Symbol *sym) {
     Arena *a = &p->s->module;
-    bool texture = !strcmp(sym->type_ref->name, "texture2D");
+    bool volume = !strcmp(sym->type_ref->name, "texture3D"), texture = !strcmp(sym->type_ref->name, "texture2D");
     sym->is_const = true;
     sym->value_span = sym->init ? sym->init->span : sym->span;
     if (is_resolution(sym)) {
@@ -141,11 +141,11 @@ static void keep_uniform(Parser *p, Symbol *sym) {
     }
     sym->kind = SYM_PARAM;
     if (may_be_resolution(sym)) sym->init = size_of_image(p, sym);
-    if (texture) { /* black until a file is given */
+    if (texture || volume) { /* black until a file is given */
         sym->zeros = true;
-        sym->nzeros_args = 2;
-        sym->zeros_args = ARENA_ARRAY(a, Expr *, 2);
-        sym->zeros_args[0] = sym->zeros_args[1] = integer(p, 1, sym->span);
+        sym->nzeros_args = volume ? 3 : 2;
+        sym->zeros_args = ARENA_ARRAY(a, Expr *, sym->nzeros_args);
+        for (uint32_t i = 0; i < sym->nzeros_args; i++) sym->zeros_args[i] = integer(p, 1, sym->span);
     } else if (!sym->init) {
         sym->starts_zero = true;
     }

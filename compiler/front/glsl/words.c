@@ -9,26 +9,26 @@ typedef struct Word {
 } Word;
 
 static const Word types[] = {
-    {"vec2", "float2"},     {"vec3", "float3"},     {"vec4", "float4"},
-    {"ivec2", "int2"},      {"ivec3", "int3"},      {"ivec4", "int4"},
-    {"uvec2", "uint2"},     {"uvec3", "uint3"},     {"uvec4", "uint4"},
-    {"bvec2", "bool2"},     {"bvec3", "bool3"},     {"bvec4", "bool4"},
-    {"mat2", "float2x2"},   {"mat3", "float3x3"},   {"mat4", "float4x4"},
-    {"mat2x2", "float2x2"}, {"mat3x3", "float3x3"}, {"mat4x4", "float4x4"},
-    {"mat2x3", "float2x3"}, {"mat2x4", "float2x4"}, {"mat3x2", "float3x2"},
-    {"mat3x4", "float3x4"}, {"mat4x2", "float4x2"}, {"mat4x3", "float4x3"},
-    {"bool", "bool"},       {"int", "int"},         {"uint", "uint"},
-    {"float", "float"},     {"void", "void"},       {"sampler2D", "texture2D"},
+    {"vec2", "float2"},         {"vec3", "float3"},     {"vec4", "float4"},
+    {"ivec2", "int2"},          {"ivec3", "int3"},      {"ivec4", "int4"},
+    {"uvec2", "uint2"},         {"uvec3", "uint3"},     {"uvec4", "uint4"},
+    {"bvec2", "bool2"},         {"bvec3", "bool3"},     {"bvec4", "bool4"},
+    {"mat2", "float2x2"},       {"mat3", "float3x3"},   {"mat4", "float4x4"},
+    {"mat2x2", "float2x2"},     {"mat3x3", "float3x3"}, {"mat4x4", "float4x4"},
+    {"mat2x3", "float2x3"},     {"mat2x4", "float2x4"}, {"mat3x2", "float3x2"},
+    {"mat3x4", "float3x4"},     {"mat4x2", "float4x2"}, {"mat4x3", "float4x3"},
+    {"bool", "bool"},           {"int", "int"},         {"uint", "uint"},
+    {"float", "float"},         {"void", "void"},       {"sampler2D", "texture2D"},
+    {"sampler3D", "texture3D"},
 };
 /* Dropped wherever they stand. */
 static const char *const qualifiers[] = {"highp",    "mediump",       "lowp",      "flat",   "smooth",
                                          "centroid", "noperspective", "invariant", "precise"};
-static const char *const foreign[] = {
-    "samplerCube", "sampler3D",  "sampler2DArray", "sampler2DShadow", "samplerCubeShadow",
-    "isampler2D",  "usampler2D", "sampler1D",      "sampler2DRect",   "isampler3D",
-    "usampler3D",  "double",     "dvec2",          "dvec3",           "dvec4",
-    "dmat2",       "dmat3",      "dmat4",          "buffer",          "shared",
-    "image2D"};
+static const char *const foreign[] = {"samplerCube", "sampler2DArray", "sampler2DShadow", "samplerCubeShadow",
+                                      "isampler2D",  "usampler2D",     "sampler1D",       "sampler2DRect",
+                                      "isampler3D",  "usampler3D",     "double",          "dvec2",
+                                      "dvec3",       "dvec4",          "dmat2",           "dmat3",
+                                      "dmat4",       "buffer",         "shared",          "image2D"};
 
 #define COUNT(a) (sizeof(a) / sizeof *(a))
 
@@ -54,7 +54,7 @@ static void translate(Session *s, Token *t) {
     if (is_in(t->text, foreign, COUNT(foreign)))
         diag_emit(s, DIAG_glsl_unsupported, t->span,
                   arena_printf(&s->session,
-                               "`%s` is not supported: there are sampler2D and single "
+                               "`%s` is not supported: there are sampler2D, sampler3D and single "
                                "precision (--precision f64 computes all in double)",
                                t->text));
 }

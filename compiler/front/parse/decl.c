@@ -197,7 +197,7 @@ static void typedef_declaration(Parser *p) {
 
 /* ---- values at file scope ---- */
 
-/* = init(f), = "file", = zeros(w, h[, c]), or an expression or list. */
+/* = init(f), = "file", = zeros(w, h[, d][, c]), or an expression or list. */
 static void param_value(Parser *p, Symbol *sym) {
     const Token t = p->tok;
     sym->value_span = t.span;
@@ -225,7 +225,7 @@ static void param_value(Parser *p, Symbol *sym) {
         sym->zeros_args = parse_arguments(p, open, false, &sym->nzeros_args);
         sym->zeros = true;
         sym->value_span = parse_span_from(p, t.span);
-        if (!p->panic && (sym->nzeros_args < 2 || sym->nzeros_args > 3)) {
+        if (!p->panic && (sym->nzeros_args < 2 || sym->nzeros_args > 4)) {
             parse_complain(p, DIAG_syntax, sym->value_span,
                            "`zeros` is written `zeros(width, height)` or `zeros(width, height, channels)`");
             sym->zeros = false;

@@ -1,0 +1,227 @@
+/* What a fit writes: the parameters, or a folder with pictures as well. */
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "cli/fit.h"
+#include "runtime/base/text.h"
+
+/* Before the fit: a picture that there is no memory for is no reason to lose hours of work, nor to leave it out. */
+SltStatus fit_create_frames(Fit *f, SltError *err) {
+    const uint32_t *size = f->c->job.size;
+    SltStatus s = SLT_OK; /* of a volume the slices, below each other */
+    for (uint32_t k = 0; k < FRAMES - 1 && k < f->c->iters && s == SLT_OK; k++)
+        s = image_create(&f->frames[k], (int)size[0], (int)(size[1] * size[2]), (int)slt_channels(f->p), err);
+    return s;
+}
+
+void fit_keep_frame(Fit *f, const float *image) {
+    Image *im = &f->frames[f->nframes];
+    if (!im->data) return;
+    memcpy(im->data, image, (size_t)im->width * (size_t)im->height * (size_t)im->channels * sizeof(float));
+    f->nframes++;
+}
+
+static SltStatus join(char *out, size_t size, const char *dir, const char *name, SltError *err) {
+    if (snprintf(out, size, "%s/%s", dir, name) >= (int)size)
+        return status_fail(err, SLT_OUTPUT, "%s/%s: the path is too long", dir, name);
+    return SLT_OK;
+}
+
+/* A height map as a person reads one: its relief under a sun in the north west, tinted by height. */
+static SltStatus write_relief(const char *path, const SltParam *q, const Image *h, SltError *err) {
+    int w = h->width, n = h->height;
+    double wide = q->has_extent ? q->extent[2] - q->extent[0] : 1,
+           high = q->has_extent ? q->extent[3] - q->extent[1] : 1;
+    double scale = q->height_scale, lo = INFINITY, hi = -INFINITY;
+    uint8_t *rgb = malloc((size_t)w * (size_t)n * 3);
+    if (!rgb) return status_fail(err, SLT_LIMIT, "out of memory");
+    for (size_t i = 0; i < (size_t)w * (size_t)n; i++)
+        lo = fmin(lo, (double)h->data[i]), hi = fmax(hi, (double)h->data[i]);
+    for (int y = 0; y < n; y++)
+        for (int x = 0; x < w; x++) {
+            int x0 = x > 0 ? x - 1 : 0, x1 = x + 1 < w ? x + 1 : x, y0 = y > 0 ? y - 1 : 0, y1 = y + 1 < n ? y + 1 : y;
+            const float *v = h->data;
+            double at = (double)v[(size_t)y * (size_t)w + (size_t)x];
+            double gx =
+                scale *
+                ((double)v[(size_t)y * (size_t)w + (size_t)x1] - (double)v[(size_t)y * (size_t)w + (size_t)x0]) /
+                (x1 - x0) * (w - 1) / wide;
+            double gy =
+                scale *
+                ((double)v[(size_t)y0 * (size_t)w + (size_t)x] - (double)v[(size_t)y1 * (size_t)w + (size_t)x]) /
+                (y1 - y0) * (n - 1) / high;
+            double light = (gx * 0.5 - gy * 0.5 + 0.7071) / sqrt(gx * gx + gy * gy + 1);
+            uint8_t tint[3];
+            colormap_sequential(hi > lo ? (at - lo) / (hi - lo) : 0.5, tint);
+            for (int k = 0; k < 3; k++)
+                rgb[((size_t)y * (size_t)w + (size_t)x) * 3 + (size_t)k] =
+                    (uint8_t)(fmin(fmax(light, 0) + 0.15, 1) * tint[k] + 0.5);
+        }
+    SltStatus s = image_write_png8(path, w, n, 3, rgb, err);
+    free(rgb);
+    return s;
+}
+
+/* Every texture and geometry that was optimised: NAME.exr to go on with, NAME.png to look at; of a volume its slices
+ * below each other. */
+static SltStatus write_grids(Fit *f, SltError *err) {
+    char path[4096], name[512];
+    for (uint32_t k = 0; k < slt_param_count(f->p); k++) {
+        SltParam q = SLT_PARAM_INIT;
+        slt_param(f->p, k, &q);
+        if ((!q.is_texture && !q.is_heightfield) || !q.fcount || !slt_wrt_mask(f->p)[q.fbase]) continue;
+        Image im;
+        uint32_t slices = q.tex_d ? q.tex_d : 1;
+        SltStatus s = image_create(&im, (int)q.tex_w, (int)(q.tex_h * slices), (int)q.tex_c, err);
+        if (s != SLT_OK) return s;
+        for (uint32_t i = 0; i < q.fcount; i++) im.data[i] = (float)slt_floats(f->p)[q.fbase + i];
+        snprintf(name, sizeof name, "%.500s.exr", q.name);
+        s = join(path, sizeof path, f->c->output, name, err);
+        if (s == SLT_OK)
+            s = q.tex_d ? volume_write(path, &im, (int)slices, NULL, err) : image_write(path, &im, NULL, err);
+        snprintf(name, sizeof name, "%.500s.png", q.name);
+        if (s == SLT_OK) s = join(path, sizeof path, f->c->output, name, err);
+        if (s == SLT_OK) s = q.is_heightfield ? write_relief(path, &q, &im, err) : image_write(path, &im, NULL, err);
+        image_free(&im);
+        if (s != SLT_OK) return s;
+    }
+    return SLT_OK;
+}
+
+/* The image of the best parameters as the first view sees them, whose values the program keeps. */
+static SltStatus render_first_view(Fit *f, const SltJob *job, float *image, SltError *err) {
+    const View *v = &f->scene.views[0];
+    SltStatus s = SLT_OK;
+    for (uint32_t k = 0; s == SLT_OK && k < v->nparams; k++)
+        s = slt_set_text(f->p, v->params[k].name, v->params[k].value, err);
+    return s == SLT_OK ? slt_render(f->p, job, image, NULL, err) : s;
+}
+
+static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
+    char path[4096];
+    const char *dir = f->c->output;
+    uint32_t ch = slt_channels(f->p);
+    SltStatus s = join(path, sizeof path, dir, "fitted.json", err);
+    if (s == SLT_OK) s = file_write_atomic(path, json, strlen(json), err);
+    double *x = malloc((f->result.iterations + 1) * sizeof *x);
+    for (uint32_t i = 0; x && i < f->result.iterations; i++) x[i] = i + 1;
+    PlotSeries series = {.name = "loss", .x = x, .y = f->result.losses, .count = (int)f->result.iterations};
+    PlotOptions plot = {.title = "loss", .x_label = "iteration", .y_label = "loss", .log_y = true};
+    char *svg = s == SLT_OK && x && f->result.iterations ? plot_svg(&plot, &series, 1, err) : NULL;
+    if (s == SLT_OK && !svg && f->result.iterations) s = x ? err->status : status_fail(err, SLT_LIMIT, "out of memory");
+    if (svg && (s = join(path, sizeof path, dir, "loss.svg", err)) == SLT_OK)
+        s = file_write_atomic(path, svg, strlen(svg), err);
+    free(svg);
+    free(x);
+    Text text;
+    FILE *out = text_open(&text);
+    if (out) fputs("iteration,loss\n", out);
+    for (uint32_t i = 0; out && i < f->result.iterations; i++) fprintf(out, "%u,%.17g\n", i + 1, f->result.losses[i]);
+    char *csv = text_close(&text);
+    if (s == SLT_OK && !csv) s = status_fail(err, SLT_LIMIT, "out of memory");
+    if (s == SLT_OK && (s = join(path, sizeof path, dir, "loss.csv", err)) == SLT_OK)
+        s = file_write_atomic(path, csv, text.size, err);
+    free(csv);
+    if (s == SLT_OK) s = write_grids(f, err);
+    if (s != SLT_OK || f->c->minimize) return s;
+    Image im;
+    const uint32_t *size = f->c->job.size;
+    if ((s = image_create(&im, (int)size[0], (int)(size[1] * size[2]), (int)ch, err)) != SLT_OK) return s;
+    SltJob job = f->c->job;
+    job.cancel = NULL;
+    for (uint32_t k = 0; k < ch; k++) image_set_name(&im, (int)k, report_channel(ch, k));
+    report_metadata(&im, f->c, f->p); /* before the values of a view replace the common ones */
+    s = render_first_view(f, &job, im.data, err);
+    if (s == SLT_OK && (s = join(path, sizeof path, dir, "image.exr", err)) == SLT_OK)
+        s = slt_dim(f->p) == 3 ? volume_write(path, &im, (int)size[2], NULL, err) : image_write(path, &im, NULL, err);
+    ImageWriteOptions png = {.raw = slt_is_display(f->p)};
+    if (s == SLT_OK && (s = join(path, sizeof path, dir, "image.png", err)) == SLT_OK)
+        s = image_write(path, &im, &png, err);
+    const Image *strip[FRAMES + 2];
+    int n = 0;
+    for (uint32_t k = 0; k < f->nframes; k++) strip[n++] = &f->frames[k];
+    strip[n++] = &im;
+    Image target = {.width = im.width, .height = im.height, .channels = im.channels, .data = f->scene.views[0].target},
+          film;
+    if (target.data) strip[n++] = &target;
+    if (s == SLT_OK && (s = image_film_strip(strip, n, 4, &film, err)) == SLT_OK) {
+        if ((s = join(path, sizeof path, dir, "strip.png", err)) == SLT_OK) s = image_write(path, &film, &png, err);
+        image_free(&film);
+    }
+    image_free(&im);
+    return s;
+}
+
+/* A folder that a fit has not filled before may hold a file of a name that would be written: somebody else's. */
+SltStatus fit_check_folder(const Fit *f, SltError *err) {
+    static const char *const usual[] = {"loss.svg", "loss.csv", "image.exr", "image.png", "strip.png"};
+    char path[4096], name[512];
+    const char *dir = f->c->output;
+    if (mkdir(dir, 0777) != 0 && errno != EEXIST)
+        return status_fail_errno(err, SLT_OUTPUT, errno, "cannot make the folder %s", dir);
+    SltStatus s = join(path, sizeof path, dir, "fitted.json", err);
+    if (s != SLT_OK || access(path, F_OK) == 0) return s;
+    uint32_t params = slt_param_count(f->p), n = sizeof usual / sizeof *usual + 2 * params;
+    for (uint32_t k = 0; k < n; k++) {
+        SltParam q = SLT_PARAM_INIT;
+        if (k >= 2 * params) snprintf(name, sizeof name, "%s", usual[k - 2 * params]);
+        else slt_param(f->p, k / 2, &q), snprintf(name, sizeof name, "%.500s.%s", q.name, k & 1 ? "png" : "exr");
+        if (k < 2 * params && !q.is_texture && !q.is_heightfield) continue;
+        if ((s = join(path, sizeof path, dir, name, err)) != SLT_OK) return s;
+        if (access(path, F_OK) == 0)
+            return status_fail(err, SLT_OUTPUT,
+                               "'%s' is there, and %s holds no earlier fit: choose another folder for -o", path, dir);
+    }
+    return SLT_OK;
+}
+
+bool fit_wants_folder(const Cli *c) {
+    size_t n = c->output ? strlen(c->output) : 0;
+    return n && !(n > 5 && !strcmp(c->output + n - 5, ".json"));
+}
+
+static const char *const stop_names[] = {
+    [SLT_FIT_ITERATIONS] = "iters",        [SLT_FIT_CONVERGED] = "converged",    [SLT_FIT_STOPPED] = "stopped",
+    [SLT_FIT_INTERRUPTED] = "interrupted", [SLT_FIT_TIME_LIMIT] = "interrupted", [SLT_FIT_FAILED] = "failed"};
+
+int fit_write_outputs(Fit *f) {
+    SltError err = {0};
+    char *json = slt_params_json(f->p);
+    SltStatus s = json ? SLT_OK : status_fail(&err, SLT_LIMIT, "out of memory");
+    if (s == SLT_OK && f->c->output) {
+        FileGroup outputs;
+        file_group_begin(&outputs);
+        if (fit_wants_folder(f->c)) s = write_folder(f, json, &err);
+        else s = file_write_atomic(f->c->output, json, strlen(json), &err);
+        s = file_group_end(&outputs, s, &err);
+    }
+    if (s == SLT_OK && f->c->json) {
+        fputs("{\"initial_loss\": ", stdout);
+        json_number(stdout, f->result.initial_loss);
+        fputs(", \"loss\": ", stdout);
+        json_number(stdout, f->result.loss);
+        fputs(", \"losses\": [", stdout);
+        for (uint32_t i = 0; i < f->result.iterations; i++)
+            fputs(i ? ", " : "", stdout), json_number(stdout, f->result.losses[i]);
+        printf("], \"iterations\": %u, \"seconds\": ", f->result.iterations);
+        json_number(stdout, cli_now() - f->start);
+        printf(", \"stopped\": \"%s\", \"params\": %s, \"outputs\": [", stop_names[f->result.stop], json);
+        if (f->c->output) json_text(stdout, f->c->output);
+        fputs("], ", stdout);
+        report_warnings_json(stdout, f->p, &f->stats);
+        fputs("}\n", stdout);
+    } else if (s == SLT_OK) {
+        FILE *out = f->c->streams ? stderr : stdout;
+        if (!f->result.iterations) fputs("no iteration: the parameters as they are, and no loss\n", out);
+        else
+            fprintf(out, "loss %.6g -> %.6g in %u iterations, %.1f s (%s)\n", f->result.initial_loss, f->result.loss,
+                    f->result.iterations, cli_now() - f->start, stop_names[f->result.stop]);
+        if (!f->c->output) fputs(json, stdout);
+    }
+    free(json);
+    return s == SLT_OK ? SLT_OK : cli_fail(f->c, &err);
+}
