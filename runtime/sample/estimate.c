@@ -269,6 +269,16 @@ static void unknown_errors(const SltScene *s, double *error, uint64_t n, bool co
         if (!components || !s->active || s->active[i % s->nfloats]) error[i] = HUGE_VAL;
 }
 
+/* Lines may meet what all samples have missed, a shell of a millionth of the domain: these then agree, and know no
+ * error. It is no less than what one sample weighs that falls where f has jumped as it does at crossings. */
+static void least_of_value(const Run *r, double *value_stderr) {
+    double volume = 1;
+    for (uint32_t d = 0; d < r->s->dim; d++) volume *= r->s->hi[d] - r->s->lo[d];
+    for (uint32_t c = 0; c < r->s->channels; c++)
+        value_stderr[c] =
+            fmax(value_stderr[c], r->kept.by[c] / (double)r->kept.n * volume / fmax(1, (double)r->j->samples));
+}
+
 /* Lines and samples, as many as the job says. */
 static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err) {
     Run r;
@@ -323,6 +333,7 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
             mask_inactive(s, k.missed + row * s->nfloats);
         }
         bars_of_rows(k.value, NULL, k.n, s->channels, out->value, out->value_stderr);
+        if (r.kept.n && out->value_stderr) least_of_value(&r, out->value_stderr);
         bool apart = boundary_in_order(&r);
         bars_of_rows(k.interior, k.boundary, k.n, k.size, out->gradient, apart ? NULL : out->gradient_stderr);
         if (apart && out->gradient_stderr) {

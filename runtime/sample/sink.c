@@ -433,6 +433,7 @@ static void put_doubts(Sink *k, const Crossing *c, const bool *keep, uint32_t n)
 void sink_take(void *sink, Crossing *c, uint32_t n) {
     Sink *k = sink;
     if (k->clip) n = clip(k, c, n);
+    coincide_name(k, c, n);
     if (k->kind == SINK_KEEP) {
         keep_all(k, c, n);
         return;
@@ -472,6 +473,7 @@ void sink_take_silent(void *sink, Crossing *c, uint32_t n) {
     bool keep[BATCH];
     if (k->kind == SINK_KEEP) return;
     if (k->clip) n = clip(k, c, n);
+    n = coincide_sift(k, c, n);
     f->lost = NULL;
     group(k, c, n);
     for (uint32_t from = 0, to; from < n; from = to) {
