@@ -95,12 +95,14 @@ struct Cli {
     uint32_t every;
     Assign lr[CLI_MAX_LIST], smooth[CLI_MAX_LIST]; /* name NULL: for all parameters */
     uint32_t nlr, nsmooth;
+    SltSet faces[CLI_MAX_LIST]; /* of --smooth-faces */
+    uint32_t nfaces;
     const char *loss;           /* of CLI_LOSSES; NULL: the scene's, or l2 */
     uint32_t views_per_step;    /* 0: all */
     int schedule;               /* SltFitSchedule */
     double decay, beta1, beta2; /* 0: the defaults */
     bool schedule_given;
-    uint32_t frames; /* 0: none */
+    uint32_t frames;        /* 0: none */
     const char *loss_entry; /* a function of the shader */
     double huber_delta;     /* 0: the default */
     const char *loss_command;

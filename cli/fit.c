@@ -28,7 +28,7 @@ static int apply_scene_params(Fit *f) {
         SltParam found = SLT_PARAM_INIT;
         bool many = strstr(q->name, "[*]") != NULL; /* a pattern has rates only */
         if (!many && slt_param_find(f->p, q->name, &found, &err) != SLT_OK) return fail_scene(f, &err);
-        if (many && (q->value || q->file || q->mask || q->smooth >= 0 || q->grad == 0))
+        if (many && (q->value || q->file || q->mask || q->faces || q->smooth >= 0 || q->grad == 0))
             return cli_error(SLT_INPUT, "params: `%s` is many parameters: of these \"lr\" and \"grad\": true", q->name);
         bool set = !on_command_line(f->c, q->name);
         if (set && q->value && slt_set_text(f->p, q->name, q->value, &err) != SLT_OK) return fail_scene(f, &err);
@@ -64,6 +64,7 @@ static int collect_numbers(Fit *f) {
     f->smooth = cli_need(calloc(c->nsmooth + f->scene.nparams + 1, sizeof *f->smooth));
     f->masks = cli_need(calloc(f->scene.nparams + 1, sizeof *f->masks));
     o->rates = f->rates, o->smooth = f->smooth, o->rate_masks = f->masks;
+    o->smooth_faces = c->faces, o->nsmooth_faces = c->nfaces;
     for (uint32_t k = 0; k < c->nlr; k++)
         if (!c->lr[k].name) f->rates[o->nrates++].value = strtod(c->lr[k].value, NULL);
     for (uint32_t k = 0; k < f->scene.nparams; k++) {

@@ -29,6 +29,7 @@ typedef struct FitParam {
     char *name, *value, *file; /* value: JSON text; value and file may be NULL */
     int grad;                  /* 0 or 1; -1: not said */
     char *mask;                /* path of an image of the parameter's shape, factors of its learning rate; or NULL */
+    char *faces;               /* the parameter with the faces of the mesh whose vertices these are, or NULL */
     double lr, smooth;         /* < 0: not said */
 } FitParam;
 

@@ -162,8 +162,9 @@ static int grad_loss(Cli *c, SltProgram *p) {
         /* The loss is the sum itself: the primal costs one more image. */
         size_t values = (size_t)c->job.size[0] * c->job.size[1] * c->job.size[2] * slt_channels(p);
         float *primal = malloc(values * sizeof *primal);
-        if (status == SLT_OK && primal) status = slt_render(p, &c->job, primal, NULL, &err);
-        for (size_t i = 0; status == SLT_OK && primal && i < values; i++) loss += (double)image[i] * (double)primal[i];
+        if (status == SLT_OK && !primal) status = status_fail(&err, SLT_LIMIT, "out of memory");
+        if (status == SLT_OK) status = slt_render(p, &c->job, primal, NULL, &err);
+        for (size_t i = 0; status == SLT_OK && i < values; i++) loss += (double)image[i] * (double)primal[i];
         free(primal);
     }
     progress_end(&pr);

@@ -9,12 +9,12 @@
 #include "cli/cli.h"
 
 /* No shell sees the names. */
-static bool run_driver(const char *object, const char *to) {
+static SltStatus run_driver(const char *object, const char *to, SltError *err) {
     const char *cc = getenv("CC");
     char driver[256];
     snprintf(driver, sizeof driver, "%s", cc && *cc && !strchr(cc, ' ') ? cc : "cc");
     pid_t pid = fork();
-    if (pid < 0) return false;
+    if (pid < 0) return status_fail_errno(err, SLT_OUTPUT, errno, "cannot start `%s` to link", driver);
     if (pid == 0) {
         char *argv[] = {driver, (char *)"-shared", (char *)"-o", (char *)to, (char *)object, (char *)"-lm", NULL};
         execvp(driver, argv);
@@ -22,8 +22,9 @@ static bool run_driver(const char *object, const char *to) {
     }
     int status = 0;
     while (waitpid(pid, &status, 0) < 0)
-        if (errno != EINTR) return false;
-    return WIFEXITED(status) && WEXITSTATUS(status) == 0;
+        if (errno != EINTR) return status_fail_errno(err, SLT_OUTPUT, errno, "cannot wait for `%s`", driver);
+    if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return SLT_OK;
+    return status_fail(err, SLT_OUTPUT, "cannot link: the system's C compiler (%s) failed or is missing", driver);
 }
 
 SltStatus cli_link(unsigned char **bytes, size_t *size, SltError *err) {
@@ -34,8 +35,7 @@ SltStatus cli_link(unsigned char **bytes, size_t *size, SltError *err) {
     snprintf(library, sizeof library, "%s/k.so", folder);
     unsigned char *linked = NULL;
     SltStatus status = file_write_atomic(object, *bytes, *size, err);
-    if (status == SLT_OK && !run_driver(object, library))
-        status = status_fail(err, SLT_OUTPUT, "cannot link: the system's C compiler (cc) failed or is missing");
+    if (status == SLT_OK) status = run_driver(object, library, err);
     if (status == SLT_OK) status = file_read_all(library, &file_binary, &linked, size, err);
     unlink(object);
     unlink(library);

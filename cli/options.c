@@ -245,6 +245,14 @@ static int set_smooth(Cli *c, const Option *o, const char *v) {
     return set_rates(c, o->name, v, c->smooth, &c->nsmooth);
 }
 
+static int set_faces(Cli *c, const Option *o, const char *v) {
+    Assign a;
+    if (!split_assign(c, v, &a)) return cli_usage(c, "%s wants P=F, not `%s`", o->name, v);
+    if (c->nfaces == CLI_MAX_LIST) return too_many(c, o->name);
+    c->faces[c->nfaces++] = (SltSet){a.name, a.value};
+    return SLT_OK;
+}
+
 static int set_schedule(Cli *c, const Option *o, const char *v) {
     static const char exponential[] = "exponential=";
     bool decays = !strncmp(v, exponential, sizeof exponential - 1);

@@ -100,9 +100,9 @@ static const SltPlace *upset_text(const SltStats *s, char *buf, size_t size) {
 /* Said where it is no small part of what is stated. */
 static const SltPlace *singular_text(const SltStats *s, char *buf, size_t size) {
     snprintf(buf, size,
-             "a derivative hangs on a few samples, as it does where f is a small power of the distance to a place "
-             "(pow(d, 0.1)): what lies nearer to it than they do may be %.2g of the largest derivative, and is part of "
-             "the error",
+             "a derivative hangs on a few samples or places beside an edge, as it does where f is a small power of the "
+             "distance (pow(d, 0.1)): what lies nearer than they do may be %.2g of the largest derivative. Where an "
+             "error is stated, that is part of it",
              s->singular);
     return s->singular > SINGULAR ? &none_at : NULL;
 }

@@ -1,4 +1,5 @@
 /* The scene file of `fit`. Unknown keys are errors that name the nearest known one; paths are relative to the file. */
+#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -54,7 +55,9 @@ static char *relative(Reader *r, const char *path) {
 
 /* NULL: the scene may name the file. */
 static const char *refusal(const Reader *r, const char *text, const char *path) {
-    return r->c->opt.sandbox ? sandbox_refusal(r->s->dir, text, path) : NULL;
+    const char *why = r->c->opt.sandbox ? sandbox_refusal(r->s->dir, text, path) : NULL;
+    if (why && errno == ENOMEM) cli_need(NULL);
+    return why;
 }
 
 static int text_of(Reader *r, json_t *root, const char *key, char **out, bool path) {
@@ -116,7 +119,8 @@ static int read_size(Reader *r, json_t *root) {
 static bool is_spec(json_t *j) {
     return json_is_object(j) &&
            (json_object_get(j, "value") || json_object_get(j, "file") || json_object_get(j, "grad") ||
-            json_object_get(j, "lr") || json_object_get(j, "smooth") || json_object_get(j, "mask"));
+            json_object_get(j, "lr") || json_object_get(j, "smooth") || json_object_get(j, "mask") ||
+            json_object_get(j, "faces"));
 }
 
 static int read_params(Reader *r, json_t *root) {
@@ -130,9 +134,12 @@ static int read_params(Reader *r, json_t *root) {
         *p = (FitParam){.name = scene_keep(r->s, strdup(key)), .grad = -1, .lr = -1, .smooth = -1};
         json_t *value = j;
         if (is_spec(j)) {
-            int status = known_keys(r, j, key, KEYS("value", "file", "grad", "lr", "smooth", "mask"));
+            int status = known_keys(r, j, key, KEYS("value", "file", "grad", "lr", "smooth", "mask", "faces"));
             if (status == SLT_OK) status = text_of(r, j, "file", &p->file, true);
             if (status == SLT_OK) status = text_of(r, j, "mask", &p->mask, true);
+            if (status == SLT_OK) status = text_of(r, j, "faces", &p->faces, false);
+            if (status == SLT_OK && p->faces && r->c->nfaces < CLI_MAX_LIST)
+                r->c->faces[r->c->nfaces++] = (SltSet){p->name, p->faces};
             if (status == SLT_OK) status = number_of(r, j, "lr", 0, 1e30, &p->lr);
             if (status == SLT_OK) status = number_of(r, j, "smooth", 0, 1e30, &p->smooth);
             if (status != SLT_OK) return status;

@@ -8,6 +8,7 @@
 #include <poll.h>
 #include <pthread.h>
 #include <signal.h>
+#include <stdatomic.h>
 #include <string.h>
 #include <sys/resource.h>
 #include <time.h>
@@ -22,8 +23,8 @@ enum { SANDBOX_SECONDS = 60, STACK_BYTES = 256 << 10 };
 #define NOTE_EVERY 10.0
 
 /* Process state: a signal handler has nowhere else to write, and the thread looks where it writes. */
-static volatile sig_atomic_t interrupted;
-static volatile int cancel_flag;
+static atomic_int interrupted;
+static int cancel_flag; /* which other threads read: cancel() */
 static int wake[2] = {-1, -1};
 static struct {
     pthread_mutex_t lock;
@@ -43,11 +44,13 @@ static double cpu_seconds(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
+static void cancel(int flag) { __atomic_store_n(&cancel_flag, flag, __ATOMIC_RELAXED); }
+
 static void on_interrupt(int sig) {
     (void)sig;
     if (interrupted) _exit(SLT_INTERRUPTED);
     interrupted = 1;
-    cancel_flag = 1;
+    cancel(1);
     ssize_t ignored = write(wake[1], "", 1);
     (void)ignored;
 }
@@ -96,8 +99,8 @@ static void *watch(void *arg) {
         double grace = watched.keeping ? GRACE_KEEPING : GRACE, limit = watched.limit;
         /* A fit has its own limit, which begins later, and a result at its end. */
         double asked = limit > 0 ? watched.start + limit + (watched.is_fit ? 2 : 0) : 0;
-        if (!interrupted && asked > 0 && now >= asked) watched.timed_out = true, cancel_flag = 1;
-        if (effort_spent(now)) watched.spent = true, cancel_flag = 1;
+        if (!interrupted && asked > 0 && now >= asked) watched.timed_out = true, cancel(1);
+        if (effort_spent(now)) watched.spent = true, cancel(1);
         bool timed_out = watched.timed_out, notes = watched.notes, trying = watched.effort > 0;
         bool leaving = interrupted || timed_out;
         pthread_mutex_unlock(&watched.lock);
@@ -158,9 +161,9 @@ void watch_effort(double seconds) {
     pthread_mutex_lock(&watched.lock);
     watched.effort = seconds, watched.effort_from = cli_now(), watched.effort_cpu = cpu_seconds();
     watched.spent = false;
-    if (!watched.timed_out && !interrupted) cancel_flag = 0;
+    if (!watched.timed_out && !interrupted) cancel(0);
     pthread_mutex_unlock(&watched.lock);
-    if (interrupted) cancel_flag = 1; /* a signal came in between */
+    if (interrupted) cancel(1); /* a signal came in between */
     if (wake[1] >= 0 && seconds > 0) {
         ssize_t ignored = write(wake[1], "", 1);
         (void)ignored;

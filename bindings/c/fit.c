@@ -219,7 +219,7 @@ static SltStatus step(SltFit *f, SltError *err) {
     if (status == SLT_OK && !fit_room_for_losses(f, (size_t)f->iteration + 1))
         return stopped(f, SLT_FIT_FAILED, fit_out_of_memory(err), err->text);
     if (status == SLT_OK) status = fit_evaluate(f, &loss, err);
-    if (status == SLT_INTERRUPTED || (f->job.cancel && *f->job.cancel))
+    if (status == SLT_INTERRUPTED || (f->job.cancel && __atomic_load_n(f->job.cancel, __ATOMIC_RELAXED)))
         return stopped(f, SLT_FIT_INTERRUPTED, status_fail(err, SLT_INTERRUPTED, "interrupted"), "interrupted");
     if (status == SLT_LIMIT && limit > 0) return stopped(f, SLT_FIT_TIME_LIMIT, status, err->text);
     if (status != SLT_OK) return stopped(f, SLT_FIT_FAILED, status, err->text);

@@ -5,24 +5,75 @@
 
 #include "bindings/c/fit_inner.h"
 
+/* The pairs of neighbours in a grid of three dimensions. */
+static uint32_t *grid_edges(uint32_t w, uint32_t h, uint32_t d, size_t *n) {
+    uint32_t *edges = malloc((size_t)w * h * d * 6 * sizeof *edges), *to = edges;
+    for (uint32_t i = 0; edges && i < w * h * d; i++) {
+        uint32_t x = i % w, y = i / w % h, z = i / w / h;
+        if (x + 1 < w) *to++ = i, *to++ = i + 1;
+        if (y + 1 < h) *to++ = i, *to++ = i + w;
+        if (z + 1 < d) *to++ = i, *to++ = i + w * h;
+    }
+    *n = edges ? (size_t)(to - edges) / 2 : 0;
+    return edges;
+}
+
+/* The edges of the faces that the parameter `name` lists, for a mesh of so many vertices. */
+static SltStatus mesh_edges(const SltFit *f, const char *name, uint32_t vertices, uint32_t **edges, size_t *n,
+                            SltError *err) {
+    ParamRef at;
+    SltStatus status = fit_find_param(f->p, name, "faces of a mesh", &at, err);
+    if (status != SLT_OK) return status;
+    if (at.fcount || at.icount < 3 || at.icount % 3)
+        return status_fail(err, SLT_USAGE, "`%s` is no list of faces: it has %u integers and %u floats", name,
+                           at.icount, at.fcount);
+    uint32_t *to = malloc(2 * (size_t)at.icount * sizeof *to);
+    if (!to) return fit_out_of_memory(err);
+    *edges = to, *n = at.icount;
+    for (uint32_t i = 0; i < at.icount; i++) {
+        const int32_t *face = f->p->ints + at.ibase + i / 3 * 3;
+        uint32_t ends[2] = {(uint32_t)face[i % 3], (uint32_t)face[(i + 1) % 3]};
+        if (ends[0] >= vertices)
+            return status_fail(err, SLT_INPUT, "face %u of `%s` has the vertex %d, and there are %u", i / 3, name,
+                               face[i % 3], vertices);
+        *to++ = ends[0], *to++ = ends[1];
+    }
+    return SLT_OK;
+}
+
+/* The edges that the grid has instead of its four neighbours, malloc'd; none of a plain grid. */
+static SltStatus find_edges(const SltFit *f, const char *name, const uint32_t size[3], OptimiseGrid *g, SltError *err) {
+    uint32_t *edges = NULL;
+    SltStatus status = SLT_OK;
+    for (uint32_t k = 0; k < f->opt.nsmooth_faces && status == SLT_OK && !edges; k++)
+        if (f->opt.smooth_faces[k].name && !strcmp(f->opt.smooth_faces[k].name, name))
+            status = mesh_edges(f, f->opt.smooth_faces[k].value, size[0] * size[1] * size[2], &edges, &g->nedges, err);
+    if (status == SLT_OK && !edges && size[2] > 1) {
+        edges = grid_edges(size[0], size[1], size[2], &g->nedges);
+        if (!edges) status = fit_out_of_memory(err);
+    }
+    g->edges = edges;
+    return status;
+}
+
 static SltStatus find_grid(SltFit *f, const SltFitNumber *smooth, OptimiseGrid *g, SltError *err) {
     ParamRef at;
     SltStatus status = fit_find_param(f->p, smooth->name, "smoothing", &at, err);
     if (status != SLT_OK) return status;
     const Type *t = at.type;
-    uint32_t w = 1, h = 1, channels = 1;
-    if (param_is_image(at.param) && at.param->tex_d)
-        return status_fail(err, SLT_USAGE, "`%s` cannot be smoothed: a grid of two dimensions is wanted", smooth->name);
+    uint32_t size[3] = {1, 1, 1}, channels = 1;
     if (param_is_image(at.param)) {
-        w = at.param->tex_w, h = at.param->tex_h, channels = at.param->tex_c;
+        size[0] = at.param->tex_w, size[1] = at.param->tex_h, channels = at.param->tex_c;
+        if (at.param->tex_d) size[2] = at.param->tex_d;
     } else if (t->kind == T_ARRAY) {
-        const Type *inner = t->elem;
-        w = t->n;
-        if (inner->kind == T_ARRAY) h = w, w = inner->n, inner = inner->elem;
-        channels = type_components(inner);
-        if (!type_is_float(inner))
-            return status_fail(err, SLT_USAGE, "`%s` cannot be smoothed: a grid of floats or vectors is wanted",
-                               smooth->name);
+        for (int d = 0; d < 3 && t->kind == T_ARRAY; d++, t = t->elem)
+            size[2] = size[1], size[1] = size[0], size[0] = t->n; /* the outermost is the slowest */
+        channels = type_components(t);
+        if (!type_is_float(t) || at.fcount != size[0] * size[1] * size[2] * channels)
+            return status_fail(
+                err, SLT_USAGE,
+                "`%s` cannot be smoothed: a grid of floats or vectors, of up to three dimensions, is wanted",
+                smooth->name);
     } else {
         return status_fail(err, SLT_USAGE, "`%s` cannot be smoothed: a texture or an array is wanted", smooth->name);
     }
@@ -32,14 +83,14 @@ static SltStatus find_grid(SltFit *f, const SltFitNumber *smooth, OptimiseGrid *
     if (first == UINT32_MAX || first + at.fcount > f->n || f->index[first + at.fcount - 1] != at.fbase + at.fcount - 1)
         return status_fail(err, SLT_USAGE, "`%s` cannot be smoothed: it is not optimised", smooth->name);
     *g = (OptimiseGrid){.offset = first,
-                        .width = (int)w,
-                        .height = (int)h,
+                        .width = (int)size[0],
+                        .height = (int)(size[1] * size[2]),
                         .channels = (int)channels,
                         .stride_x = channels,
-                        .stride_y = (size_t)w * channels,
+                        .stride_y = (size_t)size[0] * channels,
                         .stride_c = 1,
                         .lambda = smooth->value};
-    return SLT_OK;
+    return find_edges(f, smooth->name, size, g, err);
 }
 
 static SltStatus set_rate(const SltFit *f, const SltFitNumber *given, double *rate, SltError *err) {
@@ -139,12 +190,14 @@ SltStatus fit_make_optimiser(SltFit *f, SltError *err) {
                                  .gradient_tolerance = o->gradient_tolerance,
                                  .loss_tolerance = o->loss_tolerance,
                                  .patience = (int)o->patience,
+                                 .zeros = 8,
                                  .max_failures = (int)o->max_failures};
         f->optimiser = optimise_create(&config, err);
         if (!f->optimiser) status = err->status;
     }
     free(store);
     free(log);
+    for (uint32_t k = 0; grids && k < o->nsmooth; k++) free((void *)grids[k].edges);
     free(grids);
     return status;
 }

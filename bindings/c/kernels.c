@@ -249,7 +249,8 @@ static void build_body(Session *s, void *arg) {
         if (k == K_BOUNDS) find_noted(set.fn[k]->body, p->list_noted);
         if (k == K_VJP || k == K_SITE_VJP) {
             if (!p->dense) p->dense = ARENA_ARRAY(&s->module, uint8_t, p->prog->nfloats + 1);
-            back_dense_adjoints(set.fn[k], p->dense);
+            bool adds = back_dense_adjoints(set.fn[k], p->dense);
+            if (k == K_SITE_VJP) p->scene.site_logs = !adds && !p->opt.interpret;
         }
         if (set.tape[k].bytes_per_lane > p->scene.tape_bytes) p->scene.tape_bytes = set.tape[k].bytes_per_lane;
         if (p->opt.interpret) p->scene.kernel[k] = interpreted;

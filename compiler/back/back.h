@@ -47,8 +47,8 @@ typedef struct KernelRequest {
 } KernelRequest;
 
 /* dense[nfloats]: sets 1 for each element of the float vector whose adjoint a reverse kernel (all its parts) adds in
- * place; the adjoints of those read only at varying indices go to the log. */
-void back_dense_adjoints(Fn *fn, uint8_t *dense);
+ * place; the adjoints of those read only at varying indices go to the log. Are there any? */
+bool back_dense_adjoints(Fn *fn, uint8_t *dense);
 
 typedef struct CompiledModule CompiledModule;
 /* Default width for these kernels: enough independent work to hide latency, bounded by registers. Deterministic. */

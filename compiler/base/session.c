@@ -220,17 +220,23 @@ static bool climbs(const char *text) {
 }
 
 const char *sandbox_refusal(const char *folder, const char *text, const char *path) {
+    errno = 0;
     if (text[0] == '/') return "a sandbox allows no absolute paths";
     if (climbs(text)) return "a sandbox allows no `..` in paths";
-    char *root = realpath(*folder ? folder : ".", NULL), *real = realpath(path, NULL);
+    char *root = realpath(*folder ? folder : ".", NULL), *real = root ? realpath(path, NULL) : NULL;
+    int code = real ? 0 : errno;
     size_t n = root ? strlen(root) : 0;
-    bool inside = !real || (root && !strncmp(real, root, n) && (real[n] == '/' || (n && root[n - 1] == '/')));
+    bool inside = real && !strncmp(real, root, n) && (real[n] == '/' || (n && root[n - 1] == '/'));
+    bool missing = root && (code == ENOENT || code == ENOTDIR); /* whoever opens it says so */
     free(root);
     free(real);
-    return inside ? NULL : "a link leads out of the sandbox";
+    errno = code;
+    /* What cannot be resolved is refused: it may be opened all the same. */
+    return inside || missing ? NULL : code ? strerror(code) : "a link leads out of the sandbox";
 }
 
-bool session_allows(const Session *s, const char *text, const char *path, const char **why) {
+bool session_allows(Session *s, const char *text, const char *path, const char **why) {
     *why = s->sandbox ? sandbox_refusal(s->sandbox, text, path) : NULL;
+    if (*why && errno == ENOMEM) session_limit(s, "cannot read `%s`: out of memory", path);
     return !*why;
 }

@@ -113,9 +113,9 @@ int session_add_text(Session *s, const char *shown_path, const char *dir, const 
 double plain_strtod(const char *text, char **end); /* number.c: whatever the locale */
 
 /* May a source that wrote `text` read the file `path`? If not, *why (of static life) says so. What does not exist may
- * be read. */
-bool session_allows(const Session *s, const char *text, const char *path, const char **why);
-/* The same for any folder. NULL: allowed. */
+ * be read. Without memory to tell, session_limit. */
+bool session_allows(Session *s, const char *text, const char *path, const char **why);
+/* The same for any folder. NULL: allowed; errno: what the system said. */
 const char *sandbox_refusal(const char *folder, const char *text, const char *path);
 
 /* Reports; the same code at the same span is reported once. Returns the Diag so that notes can be attached (never

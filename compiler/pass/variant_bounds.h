@@ -137,6 +137,7 @@ bool bounds_may_be_given(const Boxes *x, const Inst *v);
 /* variant_bounds_remainder.c */
 /* Bounds of row i, where it is a remainder; else what the row says. */
 Bound bounds_remainder(const Boxes *x, Builder *b, const Inst *i, Bound row);
+Bound bounds_mix(const Boxes *x, Builder *b, const Inst *i, Bound row); /* likewise, a mix by a remainder */
 
 /* variant_bounds_error.c */
 /* Of the result of float row i, from those of its arguments; NULL: none. */

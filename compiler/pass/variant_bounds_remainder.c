@@ -3,7 +3,9 @@
  * Rows know that x and floor(x / y) lie within their bounds, not that one follows the other: on a box as wide as three
  * periods x - y * n might be anything within three, and every box beside a seam has two. Together they never leave one
  * period:  n <= x / y < n + 1,  and so  0 <= x - y n < y  but for rounding, of the quotient, the product and the sum.
- */
+ *
+ * What is mixed by one, p + t * (q - p) as between two texels, stays between p and q: rows, which let p and q - p go
+ * each its own way, say three times as much along every axis of a texture. */
 #include "compiler/pass/variant_bounds.h"
 
 #include <float.h>
@@ -83,4 +85,33 @@ Bound bounds_remainder(const Boxes *x, Builder *b, const Inst *i, Bound row) {
     is.lo = bounds_choose(b, finite, ir_emit2(b, OP_fmax, row.lo, is.lo), row.lo);
     is.hi = bounds_choose(b, finite, ir_emit2(b, OP_fmin, row.hi, is.hi), row.hi);
     return is;
+}
+
+/* Is i the mix p + t * (q - p), contracted or not, by a t = v - floor(v)? Returns q, or NULL. */
+static const Inst *mixed_with(const Boxes *x, const Inst *i, const Inst **p, Remainder *r) {
+    const Inst *product = i->op == OP_ffma ? i : i->op == OP_fadd ? i->args[1] : NULL;
+    *p = i->op == OP_ffma ? i->args[2] : i->args[0];
+    if (!product || (product != i && product->op != OP_fmul)) return NULL;
+    for (int k = 0; k < 2; k++) {
+        const Inst *t = product->args[k], *d = product->args[1 - k];
+        bool between = d->op == OP_fsub && d->args[1] == *p && t->op == OP_fsub;
+        if (between && find(x, t, r) && !r->y && r->rounding == OP_ffloor) return d->args[0];
+    }
+    return NULL;
+}
+
+Bound bounds_mix(const Boxes *x, Builder *b, const Inst *i, Bound row) {
+    Remainder r;
+    const Inst *from, *to = mixed_with(x, i, &from, &r);
+    if (!to) return row;
+    bool f64 = b->fn->precision == PREC_F64;
+    Bound is = ir_bound_hull(b, x->value[from->id].is, x->value[to->id].is);
+    /* Of |p| and |q|: the difference rounds, the product and the sum; half as much would do. */
+    Inst *slack = ir_emit2(b, OP_fmul, magnitude(b, is), ir_constf(b, 8 * (f64 ? DBL_EPSILON : FLT_EPSILON)));
+    slack = ir_emit2(b, OP_fmax, slack, ir_constf(b, f64 ? DBL_MIN : FLT_MIN));
+    Inst *finite = bounds_op2(b, OP_flt, magnitude(b, row), ir_constf(b, f64 ? DBL_MAX : FLT_MAX));
+    if (r.given) finite = bounds_and(b, finite, bounds_not(b, x->value[r.given->id].is.lo));
+    is.lo = ir_emit2(b, OP_fmax, row.lo, ir_emit2(b, OP_fsub, is.lo, slack));
+    is.hi = ir_emit2(b, OP_fmin, row.hi, ir_emit2(b, OP_fadd, is.hi, slack));
+    return (Bound){bounds_choose(b, finite, is.lo, row.lo), bounds_choose(b, finite, is.hi, row.hi)};
 }

@@ -283,7 +283,7 @@ static void row_value(Boxes *x, Builder *b, const Inst *i) {
         open = open_union(b, open, arg[k].open);
     }
     Boxed r = {.is = ir_bound_row(b, (Op)i->op, a, i->nargs, known_of_arguments(i))};
-    r.is = bounds_remainder(x, b, i, r.is);
+    r.is = bounds_mix(x, b, i, bounds_remainder(x, b, i, r.is));
     Inst *own = own_open(x, b, i, a, r.is);
     if (own && !(x->fact[i->id] & FACT_OPEN)) ice(x->to->session, "%s may jump or bend", ir_ops[i->op].name);
     r.open = open_union(b, open, own);

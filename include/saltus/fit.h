@@ -142,6 +142,10 @@ typedef struct SltFitOptions {
     uint32_t views_per_step; /* so many views an iteration, chosen by the seed, none twice; 0: all. The loss is then the
                                 mean over the views seen so far of the last loss of each. First-order optimisers only */
     double decay;            /* above 0, at most 1 */
+    /* Of parameters in `smooth` that are vertices of a mesh: `value` is the name of an integer parameter with three
+     * numbers of vertices a face, whose edges are the neighbours. The others are grids, of up to three dimensions. */
+    const SltSet *smooth_faces; /* [nsmooth_faces] */
+    uint32_t nsmooth_faces;
 } SltFitOptions;
 #define SLT_FIT_OPTIONS_INIT ((SltFitOptions){.struct_size = sizeof(SltFitOptions), .iterations = 200, .every = 10})
 

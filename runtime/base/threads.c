@@ -41,7 +41,7 @@ uint32_t pool_threads(uint32_t wanted, uint64_t tiles) {
 }
 
 SltStatus pool_stop_reason(const PoolOptions *o) {
-    if (o->cancel && *o->cancel) return SLT_INTERRUPTED;
+    if (o->cancel && __atomic_load_n(o->cancel, __ATOMIC_RELAXED)) return SLT_INTERRUPTED;
     if (o->deadline > 0 && pool_now() > o->deadline) return SLT_LIMIT;
     return SLT_OK;
 }

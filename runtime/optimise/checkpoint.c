@@ -21,7 +21,7 @@ typedef struct Head {
 } Head;
 
 static const char MAGIC[8] = {'S', 'A', 'L', 'T', 'C', 'K', 'P', 'T'};
-enum { VERSION = 1, BYTE_ORDER_MARK = 0x01020304 };
+enum { VERSION = 2, BYTE_ORDER_MARK = 0x01020304 };
 
 static uint64_t hash_config(const Optimiser *o) {
     const OptimiseConfig *c = &o->config;
@@ -40,6 +40,7 @@ static uint64_t hash_config(const Optimiser *o) {
                               g->stride_x, g->stride_y,        g->stride_c};
         h = XXH64(f, sizeof f, h);
         h = XXH64(&g->lambda, sizeof g->lambda, h);
+        if (o->graphs[k]) h = graph_hash(o->graphs[k], h);
     }
     return h;
 }

@@ -18,7 +18,7 @@ static void adam_denominators(Optimiser *o, const double *square, double correct
     for (int k = 0; k < o->config.grid_count; k++) {
         const OptimiseGrid *g = &o->config.grids[k];
         double largest = 0;
-        for (int pass = 0; o->solvers[k] && pass < 2; pass++) {
+        for (int pass = 0; optimise_is_smooth(o, k) && pass < 2; pass++) {
             for (int c = 0; c < g->channels; c++) {
                 for (int y = 0; y < g->height; y++) {
                     for (int x = 0; x < g->width; x++) {
@@ -39,7 +39,7 @@ static void limit_outliers(Optimiser *o, const double *square, double correction
     for (int k = 0; k < o->config.grid_count; k++) {
         const OptimiseGrid *g = &o->config.grids[k];
         double largest = 0;
-        for (int pass = 0; o->solvers[k] && pass < 2; pass++) {
+        for (int pass = 0; optimise_is_smooth(o, k) && pass < 2; pass++) {
             double limit = 3 * sqrt(largest / correction);
             for (int c = 0; c < g->channels; c++) {
                 for (int y = 0; y < g->height; y++) {
@@ -98,7 +98,8 @@ OptimiseState first_order_accept(Optimiser *o, double loss) {
     o->now.base_loss = loss;
     o->now.iterations++;
     if (optimise_has_converged(o)) return (OptimiseState)o->now.state;
-    if (all_zero(o->g, n) && all_zero(o->vectors, n)) /* a zero by chance in mid-run still coasts on its momentum */
+    /* A zero by chance in mid-run still coasts on its momentum; as long as there is none, it takes some in a row. */
+    if (o->now.iterations >= o->config.zeros && all_zero(o->g, n) && all_zero(o->vectors, n))
         return optimise_finish(o, OPTIMISE_CONVERGED, "the gradient is zero");
     o->method->direction(o);
     o->now.step_scale = 1;

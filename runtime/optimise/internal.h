@@ -10,8 +10,13 @@
 
 #include <stdbool.h>
 
+enum { OPTIMISE_RECENT = 16 };
+
 typedef struct Numbers {
     double best_loss, base_loss;               /* of `best`, of `base` */
+    double lowest_loss;                        /* of all, which noise may have made lower than that of `best` */
+    double recent[OPTIMISE_RECENT];            /* first-order methods: a ring of the last losses */
+    int64_t losses;                            /* that were put there */
     double reference_loss;                     /* the best loss that the fall of the loss is measured from */
     double step_scale;                         /* of `step`: halved by rejections and backtracking */
     double slope;                              /* L-BFGS: gradient at base times (u - base) */
@@ -60,6 +65,7 @@ struct Optimiser {
     /* Fixed. */
     double *lo, *hi;
     Laplacian **solvers; /* one per grid, NULL where lambda is 0; equal grids share one */
+    Graph **graphs;      /* the same of grids with edges of their own */
 };
 
 /* Moves to project(base + step_scale * step); false when that is base itself. */
@@ -68,6 +74,8 @@ bool optimise_move_to_trial(Optimiser *o);
 double optimise_projected_gradient(const Optimiser *o, const double *g);
 /* v := (I + lambda L)^-1 v on grid k, `times` times. */
 void optimise_smooth_grid(Optimiser *o, int k, double *v, int times);
+/* Is grid k preconditioned at all? */
+static inline bool optimise_is_smooth(const Optimiser *o, int k) { return o->solvers[k] || o->graphs[k]; }
 OptimiseState optimise_finish(Optimiser *o, OptimiseState state, const char *fmt, ...)
     __attribute__((format(printf, 3, 4)));
 /* At an accepted point: has the loss stalled, or is the gradient small enough? True when the optimiser has stopped. */

@@ -77,9 +77,9 @@ bool optimise_has_converged(Optimiser *o) {
         return true;
     }
     if (c->patience > 0) {
-        double fall = o->now.reference_loss - o->now.best_loss;
+        double fall = o->now.reference_loss - o->now.lowest_loss;
         if (isinf(o->now.reference_loss) || fall > c->loss_tolerance * fabs(o->now.reference_loss)) {
-            o->now.reference_loss = o->now.best_loss;
+            o->now.reference_loss = o->now.lowest_loss;
             o->now.stalled = 0;
         } else if (++o->now.stalled >= c->patience) {
             optimise_finish(o, OPTIMISE_CONVERGED, "the loss fell by less than %.3g of itself over %d iterations",
@@ -92,6 +92,8 @@ bool optimise_has_converged(Optimiser *o) {
 
 void optimise_smooth_grid(Optimiser *o, int k, double *v, int times) {
     const OptimiseGrid *g = &o->config.grids[k];
+    for (int c = 0; o->graphs[k] && c < g->channels; c++)
+        for (int t = 0; t < times; t++) graph_solve(o->graphs[k], v + optimise_grid_index(g, 0, 0, c), g->stride_x);
     for (int c = 0; o->solvers[k] && c < g->channels; c++)
         for (int t = 0; t < times; t++)
             laplacian_solve(o->solvers[k], v + optimise_grid_index(g, 0, 0, c), g->stride_x, g->stride_y,
@@ -111,6 +113,40 @@ static OptimiseState reject(Optimiser *o, bool bad_loss) {
     return OPTIMISE_EVALUATE;
 }
 
+static double median(const double *v, int n) {
+    double sorted[OPTIMISE_RECENT];
+    for (int i = 0; i < n; i++) {
+        int k = i;
+        for (; k > 0 && sorted[k - 1] > v[i]; k--) sorted[k] = sorted[k - 1];
+        sorted[k] = v[i];
+    }
+    return 0.5 * (sorted[(n - 1) / 2] + sorted[n / 2]);
+}
+
+/* What the losses of one point differ by, as they come of other samples every time: their second differences, which a
+ * smooth descent leaves small (of independent noise sqrt(6) of its deviation; of these the median, so that a few steps
+ * that went wrong are no noise). */
+static double noise_of_losses(const Numbers *now) {
+    double d[OPTIMISE_RECENT];
+    int n = (int)(now->losses < OPTIMISE_RECENT ? now->losses : OPTIMISE_RECENT), count = 0;
+    for (int64_t t = now->losses - n + 2; t < now->losses; t++)
+        d[count++] = fabs(now->recent[t % OPTIMISE_RECENT] - 2 * now->recent[(t - 1) % OPTIMISE_RECENT] +
+                          now->recent[(t - 2) % OPTIMISE_RECENT]);
+    return count > 4 ? 1.4826 * median(d, count) / sqrt(6) : 0;
+}
+
+/* Is this the best point so far? Of many noisy losses the lowest is a lucky draw, maybe of long ago: so what is not
+ * told from it, and not worse than half of the last ones, is better for having come later. */
+static bool is_best(Optimiser *o, double loss) {
+    Numbers *now = &o->now;
+    bool lowest = loss < now->lowest_loss;
+    if (lowest) now->lowest_loss = loss;
+    if (o->method->same_loss) return lowest;
+    now->recent[now->losses++ % OPTIMISE_RECENT] = loss;
+    int n = (int)(now->losses < OPTIMISE_RECENT ? now->losses : OPTIMISE_RECENT);
+    return lowest || (loss <= now->lowest_loss + 3 * noise_of_losses(now) && loss <= median(now->recent, n));
+}
+
 OptimiseState optimise_step(Optimiser *o, double loss, const double *gradient) {
     if (o->now.state != OPTIMISE_EVALUATE) return (OptimiseState)o->now.state;
     o->now.evaluations++;
@@ -121,7 +157,7 @@ OptimiseState optimise_step(Optimiser *o, double loss, const double *gradient) {
     }
     if (!isfinite(loss) || !finite) return reject(o, !isfinite(loss));
     o->now.failures = 0;
-    if (loss < o->now.best_loss) {
+    if (is_best(o, loss)) {
         o->now.best_loss = loss;
         memcpy(o->best, o->params, o->config.n * sizeof *o->best);
     }
@@ -153,8 +189,8 @@ static SltStatus check_config(const OptimiseConfig *c, SltError *err) {
         !(c->beta2 >= 0 && c->beta2 < 1) || !(c->epsilon >= 0) || !(c->momentum >= 0 && c->momentum < 1)) {
         return status_fail(err, SLT_USAGE, "a rate, beta, epsilon or momentum of the optimiser is out of range");
     }
-    if (c->history < 0 || c->history > 1000 || c->grid_count < 0 || c->patience < 0 || c->max_failures < 0 ||
-        !(c->gradient_tolerance >= 0) || !(c->loss_tolerance >= 0)) {
+    if (c->history < 0 || c->history > 1000 || c->grid_count < 0 || c->patience < 0 || c->zeros < 0 ||
+        c->max_failures < 0 || !(c->gradient_tolerance >= 0) || !(c->loss_tolerance >= 0)) {
         return status_fail(err, SLT_USAGE, "a history, tolerance or patience of the optimiser is out of range");
     }
     if (c->grid_count && !c->grids)
@@ -178,6 +214,7 @@ static SltStatus check_config(const OptimiseConfig *c, SltError *err) {
             last = (double)g->offset + (g->width - 1.0) * (double)g->stride_x +
                    (g->height - 1.0) * (double)g->stride_y + (g->channels - 1.0) * (double)g->stride_c;
         }
+        if (g->edges && g->height > 1 && g->stride_y != g->stride_x * (size_t)g->width) last = INFINITY;
         if (g->width < 1 || g->height < 1 || g->channels < 1 || !(last < (double)c->n) || !(g->lambda >= 0) ||
             isinf(g->lambda)) {
             return status_fail(err, SLT_USAGE,
@@ -194,6 +231,7 @@ static void fill_defaults(OptimiseConfig *c) {
     c->beta2 = c->beta2 != 0 ? c->beta2 : 0.999;
     c->epsilon = c->epsilon != 0 ? c->epsilon : 1e-8;
     c->history = c->history ? c->history : 10;
+    c->zeros = c->zeros ? c->zeros : 1;
     c->max_failures = c->max_failures ? c->max_failures : 10;
     if (c->patience == 0 && m->patience > 0) {
         c->patience = m->patience;
@@ -215,9 +253,10 @@ static bool own_arrays(Optimiser *o, const OptimiseConfig *from) {
     c->log = log_flag;
     c->grids = grids;
     o->solvers = calloc((size_t)c->grid_count + 1, sizeof *o->solvers);
+    o->graphs = calloc((size_t)c->grid_count + 1, sizeof *o->graphs);
     o->lo = malloc(c->n * sizeof *o->lo);
     o->hi = malloc(c->n * sizeof *o->hi);
-    if (!rate || !lo || !hi || !log_flag || !grids || !o->solvers || !o->lo || !o->hi) return false;
+    if (!rate || !lo || !hi || !log_flag || !grids || !o->solvers || !o->graphs || !o->lo || !o->hi) return false;
     for (size_t i = 0; i < c->n; i++) {
         rate[i] = from->learning_rate ? from->learning_rate[i] : c->default_rate;
         lo[i] = from->lo ? from->lo[i] : -INFINITY;
@@ -260,6 +299,11 @@ static bool make_block(Optimiser *o) {
 static SltStatus make_solvers(Optimiser *o, SltError *err) {
     for (int k = 0; k < o->config.grid_count; k++) {
         const OptimiseGrid *g = &o->config.grids[k];
+        if (g->edges && g->lambda > 0) {
+            o->graphs[k] = graph_create((uint32_t)g->width * (uint32_t)g->height, g->edges, g->nedges, g->lambda, err);
+            if (!o->graphs[k]) return err ? err->status : SLT_LIMIT;
+            continue;
+        }
         for (int j = 0; j < k && g->lambda > 0; j++) {
             const OptimiseGrid *h = &o->config.grids[j];
             if (o->solvers[j] && h->width == g->width && h->height == g->height && h->lambda == g->lambda)
@@ -293,7 +337,7 @@ Optimiser *optimise_create(const OptimiseConfig *config, SltError *err) {
         o->u[i] = o->base[i] = o->config.log[i] ? log(o->params[i]) : o->params[i];
         o->best[i] = o->params[i];
     }
-    o->now.best_loss = o->now.base_loss = o->now.reference_loss = INFINITY;
+    o->now.best_loss = o->now.lowest_loss = o->now.base_loss = o->now.reference_loss = INFINITY;
     o->now.step_scale = 1;
     return o;
 }
@@ -305,6 +349,8 @@ void optimise_free(Optimiser *o) {
             o->solvers[j] = o->solvers[j] == o->solvers[k] ? NULL : o->solvers[j];
         laplacian_free(o->solvers[k]);
     }
+    for (int k = 0; o->graphs && k < o->config.grid_count; k++) graph_free(o->graphs[k]);
+    free(o->graphs);
     free(o->solvers);
     free((void *)o->config.learning_rate);
     free((void *)o->config.lo);

@@ -14,7 +14,8 @@
  * Inside, a parameter marked `log` is optimised as its logarithm; bounds are kept exactly by
  * projection. A loss or a gradient that is not finite never enters the state: the step is taken
  * back, shortened and counted; after `max_failures` in a row the optimiser stops and says so. The
- * best point so far is kept.
+ * best point so far is kept: the one of the lowest loss; where losses are noisy, the last of those
+ * that the noise does not tell from it.
  *
  * Everything is deterministic: the same calls give the same bits, also across save and load. An
  * Optimiser owns all its memory (copies of the config's arrays too); one thread at a time. */
@@ -54,6 +55,9 @@ typedef struct OptimiseGrid {
     int width, height, channels;
     size_t stride_x, stride_y, stride_c;
     double lambda; /* > 0; some tens make a smooth field of it, 0 means no preconditioning */
+    /* Other neighbours: pairs of cells, numbered x + y * width. NULL: the four of the grid. Read by optimise_create. */
+    const uint32_t *edges; /* [2 * nedges] */
+    size_t nedges;
 } OptimiseGrid;
 
 /* Initialise with zeros: a 0 means the default named after the colon. Arrays are copied; each has n
@@ -76,7 +80,9 @@ typedef struct OptimiseConfig {
     double gradient_tolerance;    /* converged when no component of the projected gradient is larger: exactly zero */
     double loss_tolerance;        /* converged when the best loss fell by less than this part of itself ... */
     int patience;                 /* ... in so many iterations: both from the optimiser's row, mostly off */
-    int max_failures;             /* non-finite evaluations in a row before the optimiser fails: 10 */
+    int zeros; /* first-order methods: converged when so many gradients from the start on are zero: 1. More where each
+                  is of other samples, and may be zero by chance */
+    int max_failures; /* non-finite evaluations in a row before the optimiser fails: 10 */
 } OptimiseConfig;
 
 typedef struct Optimiser Optimiser;
@@ -128,6 +134,20 @@ SltStatus optimise_save(const Optimiser *o, const char *path, const char *key, c
  * empty), with a NUL after it; `blob` may be NULL. SLT_INPUT for a damaged file, another key, or
  * another config; then `o` is unchanged. */
 SltStatus optimise_load(Optimiser *o, const char *path, const char *key, void **blob, size_t *blob_size, SltError *err);
+
+/* graph.c ------------------------------------------------------------------------------------- */
+
+/* I + lambda L of a graph, ready to be solved; for one thread at a time. */
+typedef struct Graph Graph;
+
+/* edges: nedges pairs of cells; a pair that comes again, and one of a cell with itself, count for nothing. 1 <= cells
+ * <= 2^24, lambda >= 0 and finite. NULL with err set. */
+Graph *graph_create(uint32_t cells, const uint32_t *edges, size_t nedges, double lambda, SltError *err);
+void graph_free(Graph *g);
+/* Solves (I + lambda L) x = b in place to nine digits, cell i at data[i * stride]. Constants stay constant, and sums
+ * are kept. */
+void graph_solve(Graph *g, double *data, size_t stride);
+uint64_t graph_hash(const Graph *g, uint64_t h); /* of its edges, mixed into h */
 
 /* laplacian.c --------------------------------------------------------------------------------- */
 

@@ -104,6 +104,10 @@ typedef struct CellCounts {
      * none */
     double upset, upset_jump[SLT_MAX_CHANNELS];
     uint32_t upset_edge;
+    double rims[SLT_MAX_CHANNELS]; /* likewise of what f changes by between a seam and the nearest place, where it is a
+                                      small power of the distance */
+    /* Jumps of roots beside which f may be rough, and of those beside which it is a small power; no integrals. */
+    double rough_jump, rim_jump;
 } CellCounts;
 
 typedef struct Cells Cells;

@@ -351,10 +351,12 @@ Crossing *cells_add_crossing(Cells *c, uint8_t rule) {
 static void emit_crossing(Cells *c, const Root *r) {
     const Column *k = &c->column[r->column];
     Crossing *x = cells_add_crossing(c, k->rule);
-    Root of = *r;
     if (r->band) cells_count_band(c, r);
-    of.sides += r->band && k->rule == CELL_COARSE; /* cells_part_twins */
-    cells_crossing(c, &of, x);
+    if (r->band && k->rule == CELL_COARSE) { /* cells_part_twins */
+        Root of = *r;
+        of.sides++;
+        cells_crossing(c, &of, x);
+    } else cells_crossing(c, r, x);
     x->weight = k->weight / fabs(r->dg[r->axis]) * (k->rule == CELL_COARSE ? 1 + r->blur : 1);
 }
 

@@ -142,11 +142,28 @@ static bool probe_roots(Cells *c, uint32_t n) {
     return true;
 }
 
+/* Of a quadric the root is known at once. False: it is not on the line, or is wanted to the last floats. */
+static bool solve_quadric(const Cells *c, Root *r) {
+    const Quadric *q = &r->of->quadric;
+    if (!q->is || r->slack < 0) return false;
+    double dg[3], g = cells_on_quadric(q, r->x, c->dim, dg), slope = dg[r->axis], by = -g / slope;
+    if (!q->flat) by = -2 * g / (slope + r->rises * sqrt(slope * slope - 2 * q->bend[r->axis][r->axis] * g));
+    double to = r->x[r->axis] + by;
+    if (!(to >= r->lo && to <= r->hi)) return false; /* NaN is not */
+    for (uint32_t d = 0; d < c->dim; d++) r->dg[d] = dg[d] + (q->flat ? 0 : q->bend[d][r->axis] * by);
+    r->x[r->axis] = to, r->g = 0;
+    return true;
+}
+
 bool cells_solve(Cells *c) {
     uint32_t n = 0;
     if (!cells_grow(c, &c->active, &c->active_cap, c->nroot, sizeof *c->active)) return false;
-    for (uint32_t i = 0; i < c->nroot; i++)
-        if (!c->root[i].solved && !c->root[i].waits) c->active[n++] = i;
+    for (uint32_t i = 0; i < c->nroot; i++) {
+        Root *r = &c->root[i];
+        if (r->solved || r->waits) continue;
+        r->solved = solve_quadric(c, r);
+        if (!r->solved) c->active[n++] = i;
+    }
     for (int step = 0; step < STEPS && n; step++) {
         if (!probe_roots(c, n)) return false;
         uint32_t kept = 0;
@@ -313,6 +330,9 @@ static bool is_rough(const Cells *c, const Root *r) {
     return c->cell[c->piece[c->column[r->column].piece].cell].state & SLT_BOX_ROUGH;
 }
 
+#define RIM 0x1p-6     /* of a jump: by that f changes so near to it where it is a small power of the distance, */
+#define RIM_MOST 0.74 /* and by no more: 4^0.4 - 1 */
+
 /* Of active[0..n). only_look: f stays what it is. Returns whether it is steep anywhere. */
 static bool take_far(Cells *c, uint32_t n, bool only_look) {
     Batch *b = c->b;
@@ -338,6 +358,11 @@ static bool take_far(Cells *c, uint32_t n, bool only_look) {
             steep |= is_steep(c, s, i & 1, f, c->b->f64 ? STEEP_F64 : STEEP);
             /* By so much f may also bend: then the two rules, of which one keeps its sides, differ by all of it. */
             bool bends = !is_rough(c, r) && c->column[r->column].rule == CELL_COARSE && is_steep(c, s, i & 1, f, BENDS);
+            for (uint32_t ch = 0; ch < c->s->channels && !only_look && is_rough(c, r) && place[i] != at; ch++) {
+                double jump = fabs(s->f[1][ch] - s->f[0][ch]), part = fabs(f[ch] - s->f[i & 1][ch]) / jump;
+                c->counts->rough_jump += jump;
+                if (part > RIM && part < RIM_MOST) c->counts->rim_jump += jump;
+            }
             for (uint32_t ch = 0; ch < c->s->channels && !only_look && !bends && place[i] != at; ch++) {
                 double v = carried_on(r, at, place[i], s->f[i & 1][ch], f[ch], is_rough(c, r));
                 if (isfinite(v)) s->f[i & 1][ch] = v;

@@ -250,6 +250,7 @@ bool cells_add_columns_of_points(Cells *c) {
 /* ---- singular rims */
 enum { BESIDE = 3 };
 #define SMALL_POWER 0.4
+#define SEAM_POWER 0.46 /* roots are exact */
 
 /* The fine places of a column next to a root, on one side of it and short of the next: how far they are and which.
  * False: there are too few. */
@@ -284,13 +285,41 @@ static double rim(const Cells *c, const Root *r, int up, const double away[BESID
     return fabs(v[0]);
 }
 
+/* The same beside a seam, where f is continuous and nobody has asked for it: by which power of the distance the last
+ * three places change tells what is left. */
+static double seam_rim(const double away[BESIDE], const Spot *const spot[BESIDE], uint32_t ch) {
+    double near = spot[1]->f[ch] - spot[0]->f[ch], far = spot[2]->f[ch] - spot[1]->f[ch], ratio = far / near;
+    double power = SEAM_POWER, p[BESIDE];
+    for (uint32_t halving = 0; halving < 5; halving++, power *= 0.5) {
+        for (uint32_t i = 0; i < BESIDE; i++) p[i] = pow(away[i], power);
+        if (!(ratio > 0) || !(ratio < (p[2] - p[1]) / (p[1] - p[0]))) return 0;
+        double left = fabs(near) * p[0] / (p[1] - p[0]);
+        for (uint32_t i = 0; i < BESIDE; i++) p[i] = pow(away[i], 0.5 * power);
+        if (ratio > (p[2] - p[1]) / (p[1] - p[0])) return left;
+    }
+    return fabs(near) * p[0] / (p[1] - p[0]);
+}
+
+static void doubt_seam(Cells *c, const Column *k, const Root *r, uint32_t first, uint32_t last) {
+    double away[BESIDE], steep = 0;
+    const Spot *spot[BESIDE];
+    for (uint32_t d = 0; d < c->dim; d++) steep += r->dg[d] * r->dg[d];
+    double length = k->weight * sqrt(steep) / fabs(r->dg[r->axis]);
+    for (int up = -1; up < 2; up += 2) {
+        if (!places_beside(c, k, r, up, first, last, away, spot)) continue;
+        for (uint32_t ch = 0; ch < c->s->channels; ch++) c->counts->rims[ch] += length * seam_rim(away, spot, ch);
+    }
+}
+
 void cells_doubt_rims(Cells *c, const Column *from, const Column *to, uint32_t first, uint32_t last) {
     for (const Column *k = from; k < to && c->rule[CELL_COARSE].n; k++)
         for (uint32_t i = 0; i < k->nroots && k->rule == CELL_FINE; i++) {
             const Root *r = &c->root[k->first + i];
             double doubt[SLT_MAX_CHANNELS] = {0}, any = 0, away[BESIDE];
             const Spot *spot[BESIDE];
-            if (!r->wanted || !r->sides || r->tie || r->band) continue;
+            if (r->tie || r->band) continue;
+            if ((uint32_t)r->of->event.site >= c->s->nsites) doubt_seam(c, k, r, first, last);
+            if (!r->wanted || !r->sides) continue;
             for (int up = -1; up < 2; up += 2) {
                 if (!places_beside(c, k, r, up, first, last, away, spot)) continue;
                 for (uint32_t ch = 0; ch < c->s->channels; ch++)

@@ -25,6 +25,7 @@ typedef struct Outlook {
     double cells;    /* how many there will be, about: the mean over places, of which a few tell most */
     double likely;   /* and as those places have it that lie beside no edge */
     double side;     /* of a usual one (the median over places), in parts of the domain */
+    bool no_memory;  /* to ask with */
 } Outlook;
 Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats);
 /* turn.c: may the answer of cells be as wide as it states, or does a small lattice tell that the whole one would state

@@ -70,8 +70,8 @@ Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats) 
     SltError err;
     int32_t state[LEVELS][POINTS], open[LEVELS][POINTS];
     if (!s->kernel[SLT_K_BOUNDS] || s->uses_rand || grid_init(&g, s, j, &err) != SLT_OK) return o;
-    bool ok = batch_init(&b, s, &g);
-    if (ok) {
+    o.no_memory = !batch_init(&b, s, &g);
+    if (!o.no_memory) {
         uint32_t unproven = 0, finest[LEVELS + 1] = {0}, level = 0, places = 0;
         o.seen = ask(&b, state, open);
         for (uint32_t i = 0; i < POINTS; i++) {
@@ -117,6 +117,7 @@ bool quadrature_hopes(const SltScene *s, const SltJob *j) {
 SltEstimator quadrature_choose(const SltScene *s, const SltJob *j, SltStats *stats) {
     if (!quadrature_hopes(s, j)) return SLT_EST_LATTICE;
     Outlook o = quadrature_outlook(s, j, stats);
+    if (o.no_memory) return SLT_EST_QUADRATURE; /* which asks again, and has a status for it */
     /* What cells leave over tells more, when they are made. */
     if (quadrature_marches(s, j)) return o.unproven <= QUADRATURE_HOPELESS ? SLT_EST_QUADRATURE : SLT_EST_LATTICE;
     double lattice = quadrature_lattice(s, j, true, !j->no_interior), pixels = 1;

@@ -38,6 +38,8 @@ void quadrature_state(Run *r, const Sweep *p) {
     t->cells = true;
     t->settled = p->counts.settled, t->curved = p->counts.curved, t->left = p->counts.left;
     t->upset = fmin(p->counts.upset, 1), t->upset_line = 0;
+    /* No error is stated that would say so. */
+    if (p->kind == SWEEP_FORWARD && p->counts.rim_jump > 0) t->singular = p->counts.rim_jump / p->counts.rough_jump;
     if (p->counts.upset_edge && s->edge_line) t->upset_line = s->edge_line[p->counts.upset_edge - 1];
     /* Sums round, and tiles end two floats inside of the domain. */
     double all = t->settled + t->curved;
@@ -98,8 +100,10 @@ static bool put_part(void *user, uint32_t worker, uint64_t part) {
         if (out->gradient_stderr) out->gradient_stderr[at] = on ? sums_error(m, at) : 0;
         if (out->interior) out->interior[at] = i;
         if (out->boundary) out->boundary[at] = b;
-        if (out->missed_estimate) out->missed_estimate[at] = 0;
-        if (out->left_bound) out->left_bound[at] = on && p->mixed ? NAN : 0;
+        /* A page of zeros that none has written to costs no memory. */
+        if (out->missed_estimate && out->missed_estimate[at] != 0) out->missed_estimate[at] = 0;
+        if (out->left_bound && on && p->mixed) out->left_bound[at] = NAN;
+        else if (out->left_bound && out->left_bound[at] != 0) out->left_bound[at] = 0;
         q = q + 1 < m->nfloats ? q + 1 : 0;
     }
     return true;
@@ -196,6 +200,7 @@ SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral 
     if (j.interior == SLT_INTERIOR_SAMPLES && !(j.no_interior && !value))
         return with_samples(s, &j, out, turned, stats, err);
     Outlook outlook = quadrature_outlook(s, &j, stats);
+    if (outlook.no_memory) return status_fail(err, SLT_LIMIT, "out of memory");
     if (outlook.unproven > QUADRATURE_HOPELESS) return by_lattice(s, &j, out, stats, err);
     SltStatus st = run_begin(&r, s, &j, err);
     bool asks = turned && gradient && !(j.error > 0 || j.abs_error > 0) && !quadrature_marches(s, &j);

@@ -89,11 +89,29 @@ void sums_unnamed(Sums *m, const uint8_t *active, double left, double unit) {
 void sums_upset(Sums *m, const uint8_t *active, const double jump[SLT_MAX_CHANNELS]) {
     double all = 0; /* an image's gradient has one row for all channels */
     for (uint32_t c = 0; c < SLT_MAX_CHANNELS; c++) all += jump[c];
+    if (all == 0) return;
     for (size_t row = 0; row < m->rows; row++) {
         double half = (m->rows == 1 ? all : jump[row]) / SUM_SURE;
         for (size_t p = 0; p < m->nfloats; p++)
             if (!active || active[p]) m->variance[row * m->nfloats + p] += half * half;
     }
+}
+
+#define SLOWLY 64 /* times the distance of two rules, at most, is what they leave at a small power */
+
+double sums_rims(Sums *m, const uint8_t *active, const double rims[SLT_MAX_CHANNELS]) {
+    double all = 0, added = 0, largest = 0;
+    for (uint32_t c = 0; c < SLT_MAX_CHANNELS; c++) all += rims[c];
+    for (size_t row = 0; row < m->rows && all > 0; row++) {
+        double most = m->rows == 1 ? all : rims[row];
+        for (size_t i = row * m->nfloats, end = i + m->nfloats; i < end; i++)
+            if (!active || active[i % m->nfloats]) {
+                double more = fmin(most, SLOWLY * m->error[i]);
+                m->error[i] += more;
+                added = fmax(added, more), largest = fmax(largest, fabs(m->boundary[i] + m->interior[i]));
+            }
+    }
+    return added > 0 ? added / largest : 0;
 }
 
 void sums_sampled(Sums *m, const uint8_t *active, double share) {

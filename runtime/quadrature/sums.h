@@ -55,6 +55,10 @@ void sums_unnamed(Sums *m, const uint8_t *active, double left, double unit);
 /* f jumps along curves that nothing integrates: jump[channel] is the integral of |jump| along them. How fast these move
  * is not known; what is added is right for curves that move by 1 when a parameter changes by 1. */
 void sums_upset(Sums *m, const uint8_t *active, const double jump[SLT_MAX_CHANNELS]);
+/* Between a seam and the nearest places f changes as a small power of the distance: rims[channel] is the integral of
+ * that along seams. Derivatives by what moves one are then off by as much, and rules, which converge slowly there,
+ * by a part of it; those on which rules agree are not. Returns the largest, in parts of the largest derivative. */
+double sums_rims(Sums *m, const uint8_t *active, const double rims[SLT_MAX_CHANNELS]);
 /* In that share of the domain the volume is only sampled: which parameters it belongs to is not known. Adds to each
  * error what a part like it, on average, has of all of them together. */
 void sums_sampled(Sums *m, const uint8_t *active, double share);

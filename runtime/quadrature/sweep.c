@@ -301,7 +301,9 @@ static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
     CellCounts *t = &p->counts, *c = &v->counts;
     t->settled += c->settled, t->curved += c->curved, t->left += c->left;
     t->upset += c->upset, t->banded += c->banded;
-    for (uint32_t ch = 0; ch < SLT_MAX_CHANNELS; ch++) t->upset_jump[ch] += c->upset_jump[ch];
+    t->rough_jump += c->rough_jump, t->rim_jump += c->rim_jump;
+    for (uint32_t ch = 0; ch < SLT_MAX_CHANNELS; ch++)
+        t->upset_jump[ch] += c->upset_jump[ch], t->rims[ch] += c->rims[ch];
     if (c->upset_edge && (!t->upset_edge || c->upset_edge < t->upset_edge)) t->upset_edge = c->upset_edge;
     p->run->stats.dropped[SLT_DROP_COINCIDENT] += c->coincident;
     place_least(&p->run->stats.dropped_at[SLT_DROP_COINCIDENT], &c->coincident_at);
@@ -478,6 +480,7 @@ SltStatus sweep_run(Sweep *p) {
     if (st == SLT_OK && p->errors && !p->cells_budget && !p->marches) st = deepen(p, start, share);
     double left = 0;
     if (p->errors) sums_upset(&p->sums, r->s->active, p->counts.upset_jump);
+    if (p->errors) r->stats.singular = sums_rims(&p->sums, r->s->active, p->counts.rims);
     if (p->errors) sums_sampled(&p->sums, r->s->active, p->volume_sampled / p->volume);
     for (uint64_t i = 0; i < p->nleft; i++) left += sweep_measure(&p->left[i].box, r->s->dim) / p->volume;
     if (p->kind != SWEEP_LOSS) p->counts.left = left;

@@ -100,7 +100,8 @@ static void call_rows(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32
         batch_stop(b, kind);
         return;
     }
-    for (uint32_t r = 0; r < rows; r++) buf[r].dirty = true;
+    if (kind != SLT_K_SITE_VJP || !a->s->site_logs)
+        for (uint32_t r = 0; r < rows; r++) buf[r].dirty = true;
     b->args.adj = buf->adj, b->args.rows = (int32_t)rows;
     lend_log(a, buf, &b->args);
     uint64_t counters[SLT_COUNTERS];

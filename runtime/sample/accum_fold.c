@@ -34,12 +34,17 @@ static double *sums_of(Accum *a, uint32_t p) {
 
 bool accum_fold_log(Accum *a, uint32_t which) {
     AdjointBuffer *b = &a->buf[which];
-    for (uint64_t e = 0; e < b->log_len; e++) {
-        double v = a->s->f64 ? ((const double *)b->log_value)[e] : (double)((const float *)b->log_value)[e];
-        uint32_t p = b->log_index[e], row = which;
-        for (; p >= a->s->nfloats && row < a->n; row++) p -= a->s->nfloats;
-        if (v == 0 || row == a->n) continue; /* of a colour all channels but one are 0 */
-        double *sum = sums_of(a, p);
+    const uint32_t rows = a->n, nfloats = a->s->nfloats, *index = b->log_index;
+    const bool f64 = a->s->f64;
+    const void *value = b->log_value;
+    for (uint64_t e = 0, n = b->log_len; e < n; e++) {
+        double v = f64 ? ((const double *)value)[e] : (double)((const float *)value)[e];
+        if (v == 0) continue; /* of a colour all channels but one are */
+        uint32_t p = index[e], row = which;
+        for (; p >= nfloats && row < rows; row++) p -= nfloats;
+        if (row == rows) continue;
+        uint32_t slot = a->folded.slot[p];
+        double *sum = slot ? a->folded.sum + (size_t)(slot - 1) * rows : sums_of(a, p);
         if (!sum) return false;
         sum[row] += v;
     }

@@ -189,7 +189,7 @@ static void untie_some(Sink *k, const Crossing *c, const uint64_t *order, bool *
                        uint32_t n) {
     Coincide *q = &k->coincide;
     Tie tie[UNTIE_MOST];
-    uint32_t which[UNTIE_MOST];
+    uint32_t which[UNTIE_MOST] = {0};
     for (uint32_t i = 0; i < n; i++) which[i] = (uint32_t)order[suspect[i]];
     k->failed |= !untie(q->untie, q->apart, c, which, n, NULL, tie);
     for (uint32_t i = 0; i < n; i++) {

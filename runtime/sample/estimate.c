@@ -109,6 +109,8 @@ SltStatus slt_estimate_forward(const SltScene *s, const SltJob *j, uint32_t ndir
         Boundary y = {
             .run = &r, .segments = segments_of(j), .out = out, .crossings = crossings, .dirs = &d, .classes = 1};
         if (st == SLT_OK && !j->no_boundary) st = boundary_run(&y, SINK_FORWARD);
+        /* A few are steep for other reasons. */
+        if (4 * r.rims > r.steep) r.stats.singular = (double)r.rims / (double)r.steep;
         r.stats.seconds_boundary = pool_now() - t;
     }
     run_end(&r, stats);
@@ -198,7 +200,8 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
         if (st == SLT_OK && classes > 1) combine(part, own, gradient, stderr_bound, s->nfloats);
         of = y, of.classes = classes;
     }
-    for (uint32_t p = 0; p < s->nfloats && stderr_bound; p++) stderr_bound[p] = sqrt(stderr_bound[p]) + fabs(missed[p]);
+    for (uint32_t p = 0; p < s->nfloats && stderr_bound && missed; p++)
+        stderr_bound[p] = sqrt(stderr_bound[p]) + fabs(missed[p]);
     if (st == SLT_OK && !j->no_boundary) st = lost_add(&r, &of, 1, stderr_bound);
     r.stats.seconds_boundary = pool_now() - t;
     mask_inactive(s, gradient), mask_inactive(s, stderr_bound);

@@ -52,6 +52,7 @@ typedef struct SltScene {
     bool flat_adj;                  /* SltKernelArgs.adj is flt[nfloats]; else flt[nfloats][width] */
     const uint8_t *dense; /* [nfloats]: 1 where a kernel may add to adj; the others get their adjoints through the log
                              alone. NULL: all */
+    bool site_logs;       /* SITE_VJP adds to adj nowhere */
     uint32_t width;       /* lanes of a reverse kernel */
     uint32_t widest;      /* most lanes of any kernel; 0: SLT_PAD */
     uint32_t dim, channels;

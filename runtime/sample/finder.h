@@ -106,8 +106,9 @@ struct Finder {
     uint64_t *order;
     uint64_t crossings, segments, dropped[SLT_DROP_REASONS]; /* counts */
     SltPlace dropped_at[SLT_DROP_REASONS];                   /* the least of those places */
-    Sizes kept, gone; /* of the crossings that have a weight, and of those that were dropped for the want of one */
-    bool *lost;       /* set by owner where a crossing was dropped; NULL: nobody asks */
+    Sizes kept, gone;     /* of the crossings that have a weight, and of those that were dropped for the want of one */
+    uint64_t steep, rims; /* crossings beside which f is steep, and of these a small power of the distance */
+    bool *lost;           /* set by owner where a crossing was dropped; NULL: nobody asks */
     /* prove.h. `proves`: parts between alike ends are not believed; prove_classes: their crossings get a cls, 1 for
      * those that only the last halving found */
     Segment *alike; /* [nalike] */

@@ -100,7 +100,7 @@ static double root_of(const Finder *f, const Item *it) {
     return x1 + (place(f, &it->s, it->x2) - x1) * (it->f1 / (it->f1 - it->f2));
 }
 
-static void settle(const Finder *f, const Item *it, const Flank k[2], double width, uint32_t lane, Crossing *c) {
+static void settle(Finder *f, const Item *it, const Flank k[2], double width, uint32_t lane, Crossing *c) {
     double root = root_of(f, it);
     for (uint32_t ch = 0; ch < f->s->channels; ch++) {
         double v[2], first[2], off = 0;
@@ -108,8 +108,10 @@ static void settle(const Finder *f, const Item *it, const Flank k[2], double wid
             first[end] = slope(&k[end], 0, ch);
             v[end] = k[end].f[0][ch] + first[end] * (root - k[end].at[0]);
             off += fabs((slope(&k[end], 1, ch) - first[end]) * (k[end].at[1] - k[end].at[0]));
-            off += singular(f, lane + (uint32_t)end * LANES + PLACES, end ? c->hb : c->ha, ch, k[end].f[0][ch]);
+            double rim = singular(f, lane + (uint32_t)end * LANES + PLACES, end ? c->hb : c->ha, ch, k[end].f[0][ch]);
+            off += rim, f->rims += rim > 0;
         }
+        f->steep++;
         off += 0.5 * fabs(first[1] - first[0]) * width; /* the root is known to a float */
         if (!isfinite(v[0]) || !isfinite(v[1]) || !isfinite(off)) continue;
         c->before[ch] = v[0], c->jump[ch] = v[1] - v[0], c->doubt[ch] = (float)off;

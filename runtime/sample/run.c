@@ -36,7 +36,6 @@ void stats_add(SltStats *to, const SltStats *s) {
         to->dropped[d] += s->dropped[d], place_least(&to->dropped_at[d], &s->dropped_at[d]);
     to->truncated += s->truncated, to->asserts += s->asserts, to->nonfinite += s->nonfinite;
     to->seconds += s->seconds;
-    to->singular = s->singular > to->singular ? s->singular : to->singular;
     to->seconds_interior += s->seconds_interior, to->seconds_boundary += s->seconds_boundary;
     stats_of_cells(to, s);
 }
@@ -44,6 +43,7 @@ void stats_add(SltStats *to, const SltStats *s) {
 void stats_of_cells(SltStats *to, const SltStats *s) {
     if (!to) return;
     to->cells = s->cells, to->certified = s->certified, to->settled = s->settled, to->curved = s->curved;
+    to->singular = s->singular;
     to->upset = s->upset, to->upset_line = s->upset_line;
     to->left = s->left, to->left_bound = s->left_bound, to->boxes = s->boxes, to->stopped = s->stopped;
 }
@@ -115,6 +115,7 @@ void run_collect(Run *r, Worker *w) {
     t->crossings += w->finder.crossings, w->finder.crossings = 0;
     r->kept.n += w->finder.kept.n, r->kept.sum += w->finder.kept.sum, w->finder.kept = (Sizes){0};
     r->gone.n += w->finder.gone.n, r->gone.sum += w->finder.gone.sum, w->finder.gone = (Sizes){0};
+    r->steep += w->finder.steep, r->rims += w->finder.rims, w->finder.steep = w->finder.rims = 0;
     for (int d = 0; d < SLT_DROP_REASONS; d++) {
         t->dropped[d] += w->finder.dropped[d], w->finder.dropped[d] = 0;
         place_least(&t->dropped_at[d], &w->finder.dropped_at[d]), w->finder.dropped_at[d] = (SltPlace){0};

@@ -49,6 +49,7 @@ struct Run {
     bool tied_known;
     SltStats stats;   /* counts of the tiles merged so far */
     Sizes kept, gone; /* likewise; see Finder */
+    uint64_t steep, rims;
     SltError *err;
     double start; /* by pool_now() */
 };

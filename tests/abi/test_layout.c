@@ -160,6 +160,7 @@ static void write_layout(FILE *out) {
     MEMBER(SltStats, ulps);
     MEMBER(SltStats, dropped_at);
     MEMBER(SltStats, nonfinite_at);
+    MEMBER(SltStats, singular);
     END(SltStats);
     STRUCT(SltIntegral);
     MEMBER(SltIntegral, struct_size);
@@ -375,6 +376,8 @@ static void write_layout(FILE *out) {
     MEMBER(SltFitOptions, schedule);
     MEMBER(SltFitOptions, views_per_step);
     MEMBER(SltFitOptions, decay);
+    MEMBER(SltFitOptions, smooth_faces);
+    MEMBER(SltFitOptions, nsmooth_faces);
     END(SltFitOptions);
     ENUM(SltFitStop);
     VALUE(SLT_FIT_RUNNING);

@@ -254,9 +254,83 @@ static void limits_of_fields(void **state) {
     slt_program_free(p);
 }
 
+/* A step of SGD under smoothing is (I + lambda L)^-2 of the gradient: undone here, edge by edge. */
+static void unsmooth(double v[24], double lambda, const int (*edges)[2], int n) {
+    for (int times = 0; times < 2; times++) {
+        double w[24];
+        memcpy(w, v, sizeof w);
+        for (int e = 0; e < n; e++) {
+            double d = lambda * (v[edges[e][0]] - v[edges[e][1]]);
+            w[edges[e][0]] += d, w[edges[e][1]] -= d;
+        }
+        memcpy(v, w, sizeof w);
+    }
+}
+
+static void smoothed(const char *source, const SltSet *faces, uint32_t channels, const int (*edges)[2], int nedges) {
+    SltProgram *p = compile(source);
+    SltJob job = one_pixel();
+    SltFitNumber rate = {NULL, 0.01}, smooth = {"v", 3};
+    SltFitOptions o = SLT_FIT_OPTIONS_INIT;
+    SltError err;
+    double before[24];
+    o.job = &job, o.minimize = true, o.optimizer = "sgd", o.rates = &rate, o.nrates = 1, o.iterations = 2;
+    o.smooth = &smooth, o.nsmooth = 1, o.smooth_faces = faces, o.nsmooth_faces = faces != NULL;
+    assert_int_equal(slt_float_count(p), 24);
+    memcpy(before, slt_floats(p), sizeof before);
+    assert_ok(slt_fit(p, &o, NULL, &err));
+    for (uint32_t c = 0; c < channels; c++) {
+        double step[24] = {0};
+        for (uint32_t i = 0; i * channels < 24; i++)
+            step[i] = (slt_floats(p)[i * channels + c] - before[i * channels + c]) / -0.01;
+        unsmooth(step, 3, edges, nedges);
+        for (uint32_t i = 0; i * channels < 24; i++) assert_float_equal(step[i], i * channels + c + 1.0, 1e-4);
+    }
+    slt_program_free(p);
+}
+
+static void smooth_volumes_and_meshes(void **state) {
+    (void)state;
+    /* [2][3][4]: x is the last. The gradient of number i is i + 1. */
+    int grid[64][2], n = 0;
+    for (int i = 0; i < 24; i++) {
+        if (i % 4 < 3) grid[n][0] = i, grid[n++][1] = i + 1;
+        if (i / 4 % 3 < 2) grid[n][0] = i, grid[n++][1] = i + 4;
+        if (i / 12 < 1) grid[n][0] = i, grid[n++][1] = i + 12;
+    }
+    smoothed("float zero(int i, int j, int k) { return 0.0; }\n"
+             "param float v[2][3][4] = init(zero);\n"
+             "shader float main(float2 x) { float f = 0.0;\n"
+             "    for (int i = 0; i < 24; i++) f += v[i / 12][i / 4 % 3][i % 4] * (i + 1);\n"
+             "    return f; }\n",
+             NULL, 1, grid, n);
+    static const char mesh[] = "float3 zero(int i) { return float3(0.0); }\n"
+                               "param float3 v[8] = init(zero);\n"
+                               "param int3 f[3] = {int3(0, 1, 2), int3(2, 1, 3), int3(4, 5, 6)};\n"
+                               "shader float main(float2 x) { float s = 0.0;\n"
+                               "    for (int i = 0; i < 24; i++) s += v[i / 3][i % 3] * (i + 1);\n"
+                               "    return s; }\n";
+    static const int edges[][2] = {{0, 1}, {1, 2}, {2, 0}, {1, 3}, {3, 2}, {4, 5}, {5, 6}, {6, 4}};
+    SltSet faces = {"v", "f"};
+    smoothed(mesh, &faces, 3, edges, 8);
+    /* Faces that are none. */
+    SltProgram *p = compile(mesh);
+    SltFitNumber smooth = {"v", 3};
+    SltFitOptions o = SLT_FIT_OPTIONS_INIT;
+    SltError err;
+    int32_t far = 8;
+    o.minimize = true, o.smooth = &smooth, o.nsmooth = 1, o.smooth_faces = &faces, o.nsmooth_faces = 1;
+    assert_ok(slt_set_ints(p, 4, 1, &far, &err));
+    assert_int_equal(slt_fit(p, &o, NULL, &err), SLT_INPUT);
+    assert_non_null(strstr(err.text, "face 1 of `f` has the vertex 8"));
+    faces.value = "v";
+    assert_int_equal(slt_fit(p, &o, NULL, &err), SLT_USAGE);
+    slt_program_free(p);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(schedules), cmocka_unit_test(patterns),
-                                       cmocka_unit_test(some_views), cmocka_unit_test(images_between_steps),
-                                       cmocka_unit_test(limits_of_fields)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(schedules),        cmocka_unit_test(patterns),
+                                       cmocka_unit_test(some_views),       cmocka_unit_test(images_between_steps),
+                                       cmocka_unit_test(limits_of_fields), cmocka_unit_test(smooth_volumes_and_meshes)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

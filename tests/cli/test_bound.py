@@ -43,6 +43,38 @@ class Bound(Case):
                 self.assertEqual(text.startswith("settled"), j["settled"])
                 self.assertEqual(text.count("open: ") + text.count("seam: "), len(j["open"]))
 
+    def test_textures_stay_between_the_texels_they_reach(self):
+        rnd = random.Random(5)
+        for kind, sides, channels in (("texture2D", (70, 9), 3), ("texture3D", (6, 5, 7), 1), ("texture3D", (4, 5, 3), 4)):
+            dim = len(sides)
+            size = math.prod(sides) * channels
+            texels = [rnd.uniform(-3, 5) for _ in range(size)]
+            self.put("t.npy", write_npy(tuple(reversed(sides)) + (channels,), texels))
+            self.put("s.salt", 'param %s t = "t.npy"; shader float main(float%d x) { return t.sample(x)[%d]; }' % (kind, dim, channels // 2))
+
+            def texel(at):
+                index = 0
+                for n, k in reversed(list(zip(sides, at))):
+                    index = index * n + min(max(k, 0), n - 1)
+                return texels[index * channels + channels // 2]
+
+            def sample(x):
+                p = [(1 - v if a == 1 else v) * n - 0.5 for a, (v, n) in enumerate(zip(x, sides))]
+                cell = [math.floor(v) for v in p]
+                return sum(texel([c + k for c, k in zip(cell, corner)]) * math.prod(v - c if k else 1 - v + c for v, c, k in zip(p, cell, corner))
+                           for corner in itertools.product((0, 1), repeat=dim))
+            for width in (0.02, 0.15, 0.3):
+                box = [(v, v + min(width, 2.6 / n)) for n, v in zip(sides, [rnd.uniform(-0.05, 0.8) for _ in sides])]
+                j = self.json_cli("bound", "s.salt", "--precision", "f64", "--box", self.text(box))
+                lo, hi = j["channels"][0]
+                ends = [sorted(math.floor((1 - v if a == 1 else v) * n - 0.5) for v in ends) for a, (ends, n) in enumerate(zip(box, sides))]
+                reached = [texel(at) for at in itertools.product(*(range(e[0], e[1] + 2) for e in ends))]
+                self.assertGreaterEqual(lo, min(reached) - 1e-6)
+                self.assertLessEqual(hi, max(reached) + 1e-6)
+                for _ in range(50):
+                    f = sample([rnd.uniform(*e) for e in box])
+                    self.assertTrue(lo - 1e-6 <= f <= hi + 1e-6, (f, lo, hi))
+
     def test_bad_boxes(self):
         for dim, source in self.SHADERS.items():
             self.put("s.salt", source)

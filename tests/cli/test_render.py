@@ -141,6 +141,27 @@ class Basics(Case):
             self.assertNotIn(secret, r.err)
         self.assertFalse(os.path.exists(self.path("elsewhere")))
 
+    def test_sandbox_that_cannot_be_resolved(self):
+        # Names that are too long to resolve can be opened all the same: a link in such a folder led out.
+        top = self.dir
+        self.put("out.npy", b"\x93NUMPY\x01\0" + struct.pack("<H", 118) + b"{'descr': '<f4', 'fortran_order': False, 'shape': (1, 1, 1), }".ljust(117) + b"\n" + struct.pack("<f", 7))
+        here = os.getcwd()
+        try:
+            os.chdir(top)
+            for _ in range(18):
+                os.mkdir("d" * 250)
+                os.chdir("d" * 250)
+            with open("a.salt", "w") as f:
+                f.write('param texture2D t = "t.npy";\nshader float main(float2 x) { return t.sample(x).x; }\n')
+            os.symlink(os.path.join(top, "out.npy"), "t.npy")
+            ask = lambda *options: subprocess.run([BIN, "render", "a.salt", "--interpret", "--size", "2", *options], capture_output=True, env=self.environment())
+            self.assertEqual(ask().returncode, 0)
+            refused = ask("--sandbox")
+            self.assertEqual(refused.returncode, 4, refused.stderr)
+            self.assertIn(b"too long", refused.stderr)
+        finally:
+            os.chdir(here)
+
     def test_sandbox_budgets(self):
         self.put("slow.salt", "shader float main(float2 x) { float s = 0.0; for (int i = 0; i < 100000; i++) s += sin(x.x * i + s); return s; }")
         self.run_cli("render", "slow.salt", "--sandbox", "--max-seconds", "0.5", "--size", 512, "--spp", 64, "-o", "a.exr", code=6)

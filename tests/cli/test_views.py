@@ -127,6 +127,35 @@ class Views(Case):
         self.assertAlmostEqual(self.fit()["params"]["r"], 0.25, delta=0.01)
         self.assertEqual(self.size("s/out/image.png"), (4 * 16 - 4, 10))
 
+    def test_mesh(self):
+        """The vertices of a mesh under its own Laplacian, in a scene and on the command line."""
+        self.put("s/a.salt", "param float2 v[4] = {float2(0.2, 0.3), float2(0.7, 0.2), float2(0.4, 0.8), float2(0.8, 0.7)};\nparam int3 f[2] = {int3(0, 1, 2), int3(2, 1, 3)};\n"
+                 "shader float main(float2 x) { float s = 0.0; for (int i = 0; i < 4; i++) s += exp(-9.0 * dot(x - v[i], x - v[i])); return s; }")
+        self.scene = {"shader": "a.salt", "size": [16, 16], "target": {"shader": "a.salt", "params": {"v": [[0.3, 0.3], [0.8, 0.3], [0.5, 0.8], [0.8, 0.8]]}}, "optimizer": {"iters": 9}}
+        plain = self.fit("--smooth", "v=5")
+        mesh = self.fit("--smooth", "v=5", "--smooth-faces", "v=f")
+        self.assertNotEqual(plain["losses"], mesh["losses"])
+        self.scene["params"] = {"v": {"smooth": 5, "faces": "f"}}
+        self.assertEqual(self.fit(), mesh)
+        self.fit("--iters", 4, "--checkpoint", "c.bin")
+        self.assertEqual(self.fit("--resume", "c.bin"), mesh)
+        self.run_cli("fit", "s/scene.json", "--param", "f=[[0,1,2],[2,0,3]]", "--resume", "c.bin", code=4)
+        self.scene["params"]["v"]["faces"] = "g"
+        self.fit(code=2)
+
+    def test_zero_by_chance(self):
+        """A gradient that the first samples make zero is no convergence: here one pixel alone holds the edge."""
+        self.put("s/a.salt", "param float c = 0.4;\nshader float main(float x) { float f = 0.1; [Disc] if (x < c) f = 1.0; return f; }")
+        self.run_cli("render", "s/a.salt", "--size", 32, "--param", "c=0.6", "--spp", 64, "-o", "t.exr")
+        for seed in range(6):
+            j = self.json_cli("fit", "s/a.salt", "--target", "t.exr", "--loss", "l1", "--iters", 60, "--lr", 0.02, "--seed", seed)
+            self.assertEqual(j["iterations"], 60)
+            self.assertAlmostEqual(j["params"]["c"], 0.6, delta=0.02)
+        # Without any gradient it ends soon all the same.
+        self.put("s/b.salt", "param float c = 0.4;\nshader float main(float x) { return c < 0.5 ? 0.5 : x; }")
+        j = self.json_cli("fit", "s/b.salt", "--target", "t.exr", "--iters", 60)
+        self.assertEqual((j["stopped"], j["iterations"]), ("converged", 8))
+
     def test_loss_entry(self):
         self.scene["loss"] = {"entry": "soft"}
         j = self.fit()

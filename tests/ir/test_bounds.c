@@ -53,7 +53,7 @@ static bool same_bits(const void *a, const void *b, IrType t, Precision p) {
 static bool module_on(Compiled *m, const Target *target, uint32_t width, bool fma) {
     if (target->has_fma != fma) return true;
     KernelRequest k[MODULE];
-    char names[MODULE][8];
+    char names[MODULE][12];
     for (uint32_t j = 0; j < m->n; j++) {
         snprintf(names[j], sizeof names[j], "f%u", j);
         k[j] = (KernelRequest){names[j], m->fn[j]};

@@ -151,20 +151,25 @@ static void analyse_uniform(Fn *fn) {
     arena_reset(&fn->session->scratch, m);
 }
 
-static void mark_dense(const Fn *fn, const Block *b, uint8_t *dense) {
+static bool mark_dense(const Fn *fn, const Block *b, uint8_t *dense) {
+    bool any = false;
     for (const Inst *i = b->first; i; i = i->next) {
-        for (uint32_t r = 0; r < i->nregions; r++) mark_dense(fn, i->region[r], dense);
+        for (uint32_t r = 0; r < i->nregions; r++) any |= mark_dense(fn, i->region[r], dense);
         if (i->op != OP_adj || varies(i->args[0])) continue;
         const Inst *at = i->args[0];
         uint32_t from = 0, to = i->imm.slot.count;
         if (at->op == OP_consti && at->imm.i >= 0 && at->imm.i < (int64_t)to) from = (uint32_t)at->imm.i, to = from + 1;
         for (uint32_t p = from; p < to; p++) dense[i->imm.slot.base % fn->nfloats + p] = 1; /* in any row */
+        any |= from < to;
     }
+    return any;
 }
 
-void back_dense_adjoints(Fn *fn, uint8_t *dense) {
+bool back_dense_adjoints(Fn *fn, uint8_t *dense) {
+    bool any = false;
     for (Fn *part = fn; part; part = part->next_part) {
         analyse_uniform(part);
-        mark_dense(part, part->body, dense);
+        any |= mark_dense(part, part->body, dense);
     }
+    return any;
 }
