@@ -310,6 +310,7 @@ static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
         t->upset_jump[ch] += c->upset_jump[ch], t->rims[ch] += c->rims[ch];
     if (c->upset_edge && (!t->upset_edge || c->upset_edge < t->upset_edge)) t->upset_edge = c->upset_edge;
     p->run->stats.dropped[SLT_DROP_COINCIDENT] += c->coincident;
+    place_least(&p->run->stats.dropped_at[SLT_DROP_COINCIDENT], &c->coincident_at);
     t->cells += c->cells, t->boxes += c->boxes, t->points += c->points, t->spent |= c->spent;
     p->loss += v->loss, p->left_bound += v->left_bound;
     p->short_of_volume |= c->spent && (v->volume_sampled > 0 || v->nbeside);
