@@ -160,6 +160,7 @@ static void write_layout(FILE *out) {
     MEMBER(SltStats, ulps);
     MEMBER(SltStats, dropped_at);
     MEMBER(SltStats, nonfinite_at);
+    MEMBER(SltStats, singular);
     END(SltStats);
     STRUCT(SltIntegral);
     MEMBER(SltIntegral, struct_size);
