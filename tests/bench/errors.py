@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Error against run time, for docs/errors.md: its tables and plots.
 
-    tests/bench/errors.py build/bin/saltus              all of it, in some minutes
-    tests/bench/errors.py build/bin/saltus circle depth some of it: the plots, and the tables to standard output
+    tests/bench/errors.py build/bin/saltus              all of it, in some minutes (and the target bench-search)
+    tests/bench/errors.py build/bin/saltus circle depth    some of it: the plots, and the tables to standard output
 
 Errors are relative to a reference (quadrature to 1e-11 where that states so, else a lattice of 64 times the samples), root mean
 square over seeds; evaluations are exact; seconds are processor time of one thread, which a loaded machine lengthens by some tenths."""
@@ -134,6 +134,22 @@ def gauss(saltus):
     return ["| Gauss points | evaluations | error |", "|---|---|---|"] + ["| %d | %d | %.1e |" % (r["gauss"], r["evaluations"], r["relative_rmse"]) for r in rows if r["estimator"] == "quadrature"]
 
 
+def search(saltus):
+    """Neighbours and halvings, which the command has no options for: `cmake --build build --target bench-search`."""
+    lines, found = [], {}
+    program = os.path.join(os.path.dirname(saltus), "..", "tests", "bench-search")
+    for samples, seeds in (("32768", "16"), ("524288", "8")):
+        r = subprocess.run([program, samples, seeds], capture_output=True, text=True, check=True)
+        for row in csv.DictReader(r.stdout.splitlines()):
+            knob = "neighbours" if row["neighbours"] != "0" else "halvings"
+            found.setdefault((knob, row["estimator"], int(row[knob])), []).append((float(row["evaluations"]), float(row["relative_rmse"])))
+    for knob in ("neighbours", "halvings"):
+        for (k, e, value), at in found.items():
+            if k == knob:
+                lines.append("| %d %s | `%s` | %s |" % (value, knob, e, " | ".join("%s %%, %s" % (per_cent(error), count(n)) for n, error in at)))
+    return ["| | | 32 768 segments | 524 288 |", "|---|---|---|---|"] + lines
+
+
 def parameters(saltus):
     """A disc as the zero set of a grid: a gradient in 9 to 66 049 numbers of a picture that stays the same."""
     lines, curves = ["| parameters | `lattice` | `quadrature` | `fd` |", "|---|---|---|---|"], {"lattice": [], "quadrature": [], "fd": []}
@@ -171,7 +187,7 @@ def depth(saltus):
     return lines
 
 
-PARTS = dict({name: (lambda s, n=name: scene(s, n)) for name in SCENES}, segments=segments, gauss=gauss, parameters=parameters, depth=depth)
+PARTS = dict({name: (lambda s, n=name: scene(s, n)) for name in SCENES}, segments=segments, gauss=gauss, search=search, parameters=parameters, depth=depth)
 
 
 def main(saltus, *names):
