@@ -24,7 +24,8 @@ double slt_estimate_ulps(const SltScene *s, const SltJob *j) {
     double lines = pow(segments_of(j) / (j->integral ? replicates : 1) / s->dim, 1.0 / s->dim);
     for (uint32_t d = 0; d < s->dim && !s->f64; d++) {
         double spacing = (s->hi[d] - s->lo[d]) / fmax(1, lines * (j->integral ? 1 : j->size[d]));
-        least = fmin(least, spacing / ((double)FLT_EPSILON * fmax(fabs(s->lo[d]), fabs(s->hi[d]))));
+        double far = fmax(FLT_MIN, fmax(fabs(s->lo[d]), fabs(s->hi[d]))); /* below it floats are evenly spaced */
+        least = fmin(least, spacing / ((double)FLT_EPSILON * far));
     }
     return least;
 }
@@ -358,6 +359,9 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
             Boundary of = {.run = &r, .segments = segments_of(j) / k.n, .classes = 1};
             st = lost_add(&r, &of, k.n, out->gradient_stderr);
         }
+        /* Bars that overflow, of slopes as small as 1e-40, are not known either. */
+        for (uint64_t i = 0; i < k.size && out->gradient_stderr && out->gradient; i++)
+            if (isnan(out->gradient_stderr[i]) && isfinite(out->gradient[i])) out->gradient_stderr[i] = HUGE_VAL;
         out->replicates = true;
     }
     free(k.value), free(k.interior), free(k.boundary), free(k.missed), free(k.half), free(k.sketch);

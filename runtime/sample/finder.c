@@ -71,7 +71,8 @@ double search_least(const Finder *f, const Segment *s) {
 /* How near a root must be bracketed, in parts of the whole segment. */
 static double tolerance(const Finder *f, const Segment *s) {
     if (s->fine) return search_least(f, s);
-    return fmax(root_tolerance(f->coarse && s->state != SEARCH_FRESH), search_least(f, s));
+    double usual = root_tolerance(f->coarse && s->state != SEARCH_FRESH);
+    return fmax(f->s->halvings ? ldexp(1, -(int)f->s->halvings) : usual, search_least(f, s));
 }
 
 void finder_push(Finder *f, const Segment *s) {
