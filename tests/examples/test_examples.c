@@ -31,6 +31,8 @@ static const Example examples[] = {
     {"land_and_water/truth.salt", "", "48x48", NULL},
     {"land_and_water/earth.salt", "", "48x48",
      "--target " EXAMPLES "/land_and_water/target.png --size 48x48 --param at=0,25 --lr level=0.1"},
+    {"implicit_views/grid.salt", "", "48x48",
+     "--target " EXAMPLES "/implicit_views/target.png --size 32x32 --param at=60,15 --lr level=0.1"},
     {"mesh_views/mesh.salt", "", "48x48",
      "--target " EXAMPLES "/mesh_views/target.png --size 32x32 --wrt v --param at=60,15 --lr v=0.003"},
     {"external_loss/discs.salt", "", "48x48", NULL},
