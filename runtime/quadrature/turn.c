@@ -19,14 +19,20 @@ static double widest(const SltScene *s, const double *error) {
     return most;
 }
 
-/* Lines that do not find what cells have found are blind to it, and their error is. So they are where they met nothing
- * that a derivative hangs on, of which cells doubt something: of a disc of 1e-6 cells state twice its derivative. */
+/* Lines that do not find what cells have found are blind to it, and their error is. */
 static bool agrees(const SltScene *s, const double *a, const double *a_error, const double *b, const double *b_error) {
     for (uint64_t i = 0; i < (uint64_t)s->channels * s->nfloats; i++) {
-        bool on = !s->active || s->active[i % s->nfloats], blind = b[i] == 0 && b_error[i] == 0 && a_error[i] > 0;
-        if (on && (blind || !(fabs(a[i] - b[i]) <= a_error[i] + 2 * b_error[i]))) return false;
+        bool on = !s->active || s->active[i % s->nfloats];
+        if (on && !(fabs(a[i] - b[i]) <= a_error[i] + 2 * b_error[i])) return false;
     }
     return true;
+}
+
+/* Lines that met nothing state 0 +- 0 and tell nothing: of a disc of 1e-6 cells state twice its derivative. */
+static bool met(const double *b, uint64_t n) {
+    for (uint64_t i = 0; i < n; i++)
+        if (b[i] != 0) return true;
+    return false;
 }
 
 SltStatus quadrature_turns(const SltScene *s, const SltJob *job, const double *gradient, const double *error,
@@ -52,7 +58,7 @@ SltStatus quadrature_turns(const SltScene *s, const SltJob *job, const double *g
         st = slt_estimate_sampled(s, &j, &out, &own, err);
         stats->evaluations += own.evaluations;
         seen = st == SLT_OK && agrees(s, gradient, error, pilot, pilot + n);
-        *turned = seen && WORSE * widest(s, pilot + n) * pow(pilots[i], -PILOT_RATE) < cells;
+        *turned = seen && met(pilot, 2 * n) && WORSE * widest(s, pilot + n) * pow(pilots[i], -PILOT_RATE) < cells;
     }
     free(pilot);
     return st;
