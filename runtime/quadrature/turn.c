@@ -28,7 +28,9 @@ static bool agrees(const SltScene *s, const double *a, const double *a_error, co
     return true;
 }
 
-/* Lines that met nothing state 0 +- 0 and tell nothing: of a disc of 1e-6 cells state twice its derivative. */
+/* Lines that met nothing state 0 +- 0 and tell nothing where cells doubt little: of a disc of 1e-6 twice its
+ * derivative.
+ * TODO: little is measured in units of f and of the domain. */
 static bool met(const double *b, uint64_t n) {
     for (uint64_t i = 0; i < n; i++)
         if (b[i] != 0) return true;
@@ -58,7 +60,8 @@ SltStatus quadrature_turns(const SltScene *s, const SltJob *job, const double *g
         st = slt_estimate_sampled(s, &j, &out, &own, err);
         stats->evaluations += own.evaluations;
         seen = st == SLT_OK && agrees(s, gradient, error, pilot, pilot + n);
-        *turned = seen && met(pilot, 2 * n) && WORSE * widest(s, pilot + n) * pow(pilots[i], -PILOT_RATE) < cells;
+        *turned = seen && (met(pilot, 2 * n) || cells > WIDE) &&
+                  WORSE * widest(s, pilot + n) * pow(pilots[i], -PILOT_RATE) < cells;
     }
     free(pilot);
     return st;
