@@ -328,14 +328,16 @@ static bool reverse_work(void *user, uint32_t worker, uint64_t tile) {
 
 static void reverse_merge(void *user, uint32_t worker, uint64_t tile) {
     Interior *p = user;
-    accum_merge(&p->run->worker[worker].acc, p->targets);
+    Accum *a = &p->run->worker[worker].acc;
+    if (p->parts) parts_merge(p->parts, a, p->targets);
+    else accum_merge(a, p->targets);
     plain_merge(user, worker, tile);
 }
 
 SltStatus interior_reverse(Run *r, uint32_t half, const float *adjoint, double factor, uint32_t classes,
-                           double *const *targets) {
+                           double *const *targets, Parts *parts) {
     if (!r->s->kernel[SLT_K_VJP]) return SLT_OK;
-    Interior p = {.adjoint = adjoint, .factor = factor, .classes = classes, .targets = targets};
+    Interior p = {.adjoint = adjoint, .factor = factor, .classes = classes, .targets = targets, .parts = parts};
     plan(&p, r, half, tile_side(r, r->s->nfloats > 1u << 14 && !r->s->ncull ? 64 : 32));
     SltStatus st = run_workers(r, p.ntiles, classes, SINK_KEEP);
     if (st == SLT_OK) st = run_tiles(r, p.ntiles, reverse_work, reverse_merge, &p);
