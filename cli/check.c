@@ -187,6 +187,16 @@ static SltStatus best_difference(Check *k, Row *row, const double *base) {
     return s;
 }
 
+/* How large the values of one kind are: those at the same place in all elements of an array, in all texels. One of them
+ * near 0 is as easily moved as the others. */
+static double typical(const Param *q, uint32_t index, const double *base) {
+    uint32_t n = param_is_image(q) ? q->fcount / q->tex_c : q->type->kind == T_ARRAY ? q->type->n : 1;
+    uint32_t each = q->fcount / n;
+    double sum = 0;
+    for (uint32_t i = 0; i < n; i++) sum += fabs(base[q->fbase + i * each + (index - q->fbase) % each]);
+    return sum / n;
+}
+
 static void add_row(Check *k, const char *name, uint32_t index, double *dir, const double *base) {
     if (k->n >= MAX_ROWS) {
         free(dir);
@@ -195,14 +205,13 @@ static void add_row(Check *k, const char *name, uint32_t index, double *dir, con
     Row *row = &k->rows[k->n++];
     *row = (Row){.index = index, .dir = dir};
     snprintf(row->name, sizeof row->name, "%s", name);
-    double scale = dir ? 1 : fabs(base[index]) > 0.05 ? fabs(base[index]) : 0.05;
+    double scale = 1;
     for (uint32_t i = 0; i < k->p->prog->nparams && !dir; i++) {
         const Param *q = &k->p->prog->params[i];
-        bool inside = index >= q->fbase && index < q->fbase + q->fcount;
+        if (index < q->fbase || index >= q->fbase + q->fcount) continue;
+        double size = fmax(fabs(base[index]), typical(q, index, base));
         /* Extreme scales: a tiny but non-zero parameter moves in its own units. */
-        if (inside && base[index] != 0 && fabs(base[index]) < 0.05)
-            scale =
-                fabs(base[index]) > 1e-3 ? fabs(base[index]) : (fabs(base[index]) < 1e-6 ? fabs(base[index]) : 1e-3);
+        scale = size > 0.05 || (size > 0 && size < 1e-6) ? size : size > 0 ? fmax(size, 1e-3) : 0.05;
     }
     row->step = scale * (k->p->opt.f64 ? 2e-3 : 5e-3);
     if (k->c->job.fd_step > 0) row->step = k->c->job.fd_step;

@@ -67,11 +67,13 @@ static const SltPlace *dropped_text(const SltStats *s, char *buf, size_t size) {
 /* Where boundaries coincide and move apart, the integral has a derivative to each side, and none. */
 static const SltPlace *coincident_text(const SltStats *s, char *buf, size_t size) {
     uint64_t n = s->dropped[SLT_DROP_COINCIDENT];
-    snprintf(buf, size,
-             "boundaries coincide and move apart: the integral has no derivative there; what is printed lies halfway "
-             "between those to the two sides, half their difference is part of the error (%llu places; `saltus explain "
-             "coincident`)",
-             (unsigned long long)n);
+    const char *text = s->dropped_at[SLT_DROP_COINCIDENT].text;
+    snprintf(
+        buf, size,
+        "boundaries coincide and move apart: the integral has no derivative there; what is printed lies halfway "
+        "between those to the two sides, half their difference is part of the error (%llu places%s%s%s; `saltus explain "
+        "coincident`)",
+        (unsigned long long)n, text ? ", `" : "", text ? text : "", text ? "`" : "");
     return n ? &s->dropped_at[SLT_DROP_COINCIDENT] : NULL;
 }
 

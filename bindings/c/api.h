@@ -147,6 +147,7 @@ void api_params_changed(SltProgram *p, uint32_t base, uint32_t count); /* floats
  * that is NULL. Nothing of it stays in memory, so that a program may be asked for ever. */
 SltStatus api_find(const SltProgram *p, const char *name, SltStatus wrong, const char *what, ParamRef *out,
                    SltError *err);
+SltStatus api_find_pattern(const SltProgram *p, const char *name, const char *what, ParamPattern *out, SltError *err);
 SltStatus api_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError *err); /* slt_wrt, program entered */
 
 /* ---- values_read.c */

@@ -48,9 +48,11 @@ static SltStatus take_options(SltFit *f, const SltFitOptions *given, SltError *e
         return status_fail(err, SLT_USAGE, "a metric compares an image with its target, and here is another loss");
     if (!o->huber_delta) o->huber_delta = 0.1;
     bool compares = optimise_wants_same_loss(f->method);
-    if ((unsigned)o->schedule > SLT_FIT_COSINE || (o->schedule && compares))
-        return status_fail(err, SLT_USAGE, "the schedule %d of the learning rates is none%s", (int)o->schedule,
-                           compares ? ": of this optimiser they are no steps" : "");
+    if (o->schedule && compares)
+        return status_fail(err, SLT_USAGE, "%s finds the lengths of its steps: it takes no schedule of learning rates",
+                           optimise_name(f->method));
+    if ((unsigned)o->schedule > SLT_FIT_COSINE)
+        return status_fail(err, SLT_USAGE, "there is no schedule of learning rates %d", (int)o->schedule);
     if (o->schedule == SLT_FIT_EXPONENTIAL && !(o->decay > 0 && o->decay <= 1))
         return status_fail(err, SLT_USAGE, "a decay above 0, at most 1, is wanted, not %g", o->decay);
     if (o->views_per_step > o->nviews || (o->views_per_step && compares))

@@ -96,12 +96,11 @@ static SltStatus find_grid(SltFit *f, const SltFitNumber *smooth, OptimiseGrid *
 static SltStatus set_rate(const SltFit *f, const SltFitNumber *given, double *rate, SltError *err) {
     uint32_t nfloats = f->p->prog->nfloats;
     ParamPattern named;
-    const char *why = NULL;
     uint8_t *mark = calloc(nfloats + 1, 1);
     SltStatus status = mark ? SLT_OK : fit_out_of_memory(err);
     if (mark && !given->name) memset(mark, 1, nfloats);
-    else if (mark && program_find_pattern(f->p->prog, given->name, &named, &why)) program_mark(&named, mark);
-    else if (mark) status = status_fail(err, SLT_USAGE, "learning rate: %s", why ? why : "it has no name");
+    else if (mark && (status = api_find_pattern(f->p, given->name, "learning rate", &named, err)) == SLT_OK)
+        program_mark(&named, mark);
     for (uint32_t i = 0; status == SLT_OK && i < f->n; i++)
         if (mark[f->index[i]]) rate[i] = given->value;
     free(mark);

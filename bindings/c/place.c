@@ -79,6 +79,20 @@ static void see_decision(void *user, const Inst *i, const void *const *slot, con
     if (v[0] != v[1]) t->span = i->span;
 }
 
+/* The other boundary there, where it can be one alone. */
+static void name_twin(const SltProgram *p, SltPlace *at) {
+    const char *text = NULL;
+    uint32_t twins = 0;
+    for (uint32_t t = 0; t < p->ntwins; t++)
+        for (uint32_t i = 0; i < 2; i++) {
+            if (p->twins[t].site[i] + 1 != at->site) continue;
+            text = p->prog->primal->sites[p->twins[t].site[!i]].text;
+            twins++;
+        }
+    if (twins == 1 && text && at->text && strcmp(text, at->text) != 0)
+        at->text = arena_printf(&p->session->session, "%s` and `%s", at->text, text);
+}
+
 static void name_drop(const SltProgram *p, SltPlace *at) {
     if (at->site) {
         name_place(p, at, p->prog->primal->sites[at->site - 1].span);
@@ -106,7 +120,9 @@ static void name_drops(Session *s, void *user) {
     (void)s;
     for (int d = 0; d < SLT_DROP_REASONS; d++) {
         SltPlace *at = &n->stats->dropped_at[d];
-        if (at->known && !at->line) name_drop(n->p, at);
+        if (!at->known || at->line) continue;
+        name_drop(n->p, at);
+        if (d == SLT_DROP_COINCIDENT) name_twin(n->p, at);
     }
 }
 

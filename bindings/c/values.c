@@ -74,27 +74,36 @@ bool slt_param_field(const SltParam *of, uint32_t index, SltParam *out) {
 typedef struct Find {
     const SltProgram *p;
     const char *name, *why;
-    ParamRef *out;
+    ParamRef *out;         /* either */
+    ParamPattern *pattern; /* or */
     bool found;
 } Find;
 
 static void find_body(Session *s, void *user) {
     (void)s;
     Find *f = user;
-    f->found = program_find(f->p->prog, f->name, f->out, &f->why);
+    f->found = f->out ? program_find(f->p->prog, f->name, f->out, &f->why)
+                      : program_find_pattern(f->p->prog, f->name, f->pattern, &f->why);
 }
 
-SltStatus api_find(const SltProgram *p, const char *name, SltStatus wrong, const char *what, ParamRef *out,
-                   SltError *err) {
-    Session *s = p->session;
+static SltStatus look_up(Find f, SltStatus wrong, const char *what, SltError *err) {
+    Session *s = f.p->session;
     ArenaMark mark = arena_mark(&s->session);
-    Find f = {.p = p, .name = name, .out = out};
     int unwound = session_protect(s, find_body, &f);
     SltStatus status = SLT_OK;
     if (unwound) status = status_fail(err, (SltStatus)unwound, "%s", s->unwind_text);
     else if (!f.found) status = status_fail(err, wrong, "%s%s%s", what ? what : "", what ? ": " : "", f.why);
     arena_reset(&s->session, mark);
     return status;
+}
+
+SltStatus api_find(const SltProgram *p, const char *name, SltStatus wrong, const char *what, ParamRef *out,
+                   SltError *err) {
+    return look_up((Find){.p = p, .name = name, .out = out}, wrong, what, err);
+}
+
+SltStatus api_find_pattern(const SltProgram *p, const char *name, const char *what, ParamPattern *out, SltError *err) {
+    return look_up((Find){.p = p, .name = name, .pattern = out}, SLT_USAGE, what, err);
 }
 
 static SltStatus find(const SltProgram *p, const char *name, SltParam *out, SltError *err) {
@@ -155,11 +164,8 @@ SltStatus api_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError 
     }
     for (uint32_t i = 0; i < n; i++) {
         ParamPattern q;
-        const char *why = NULL;
-        SltStatus status = SLT_OK;
-        if (!program_find_pattern(p->prog, names[i], &q, &why))
-            status = status_fail(err, SLT_USAGE, "%s", why ? why : "there is no such parameter");
-        else if (!q.at.param->differentiable || !q.at.fcount)
+        SltStatus status = api_find_pattern(p, names[i], NULL, &q, err);
+        if (status == SLT_OK && (!q.at.param->differentiable || !q.at.fcount))
             status = status_fail(err, SLT_USAGE, "`%s` has no gradient: it is %s", names[i],
                                  q.at.fcount ? "marked [NoDiff]" : "an integer");
         if (status != SLT_OK) {

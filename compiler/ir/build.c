@@ -121,9 +121,18 @@ Inst *ir_emit1(Builder *b, Op op, Inst *a) { return ir_emit(b, op, 1, &a); }
 Inst *ir_emit2(Builder *b, Op op, Inst *a, Inst *c) { return ir_emit(b, op, 2, (Inst *[]){a, c}); }
 Inst *ir_emit3(Builder *b, Op op, Inst *a, Inst *c, Inst *d) { return ir_emit(b, op, 3, (Inst *[]){a, c, d}); }
 
+static size_t imm_size(Op op) {
+    if (op == OP_loop) return sizeof(LoopInfo);
+    if (op == OP_print) return sizeof((Imm *)NULL)->text;
+    if (op == OP_give || op == OP_take) return sizeof((Imm *)NULL)->frame;
+    if (op == OP_query) return sizeof((Imm *)NULL)->query;
+    return sizeof((Imm *)NULL)->i;
+}
+
 Inst *ir_special(Builder *b, Op op, IrType t, uint32_t nargs, Inst *const *args, Imm imm) {
     Inst *i = insert(b, op, t, nargs, args);
-    i->imm = imm;
+    /* What lies behind the member that was set is anything (clang leaves it so), and imms compare with memcmp. */
+    memcpy(&i->imm, &imm, imm_size(op));
     return i;
 }
 

@@ -189,7 +189,7 @@ IrType ir_input_type(InputSlot slot);
 size_t ir_uniform_offset(InputSlot slot); /* bytes from the start of SltKernelArgs; slot: an SLT_UNIFORM */
 
 /* ---- build.c
- * New instructions have id UINT32_MAX until the next ir_number. Constants have all bytes of imm defined, so imms
+ * New instructions have id UINT32_MAX until the next ir_number. All bytes of imm are defined, so imms
  * compare with memcmp. Functions that return a Builder leave fold false. With fold, besides what is exact, x + 0 gives
  * x, 0 - x gives -x and fma(a, b, 0) gives a*b (only the sign of a zero may differ), and zmul(x, 0) gives 0: for
  * derivatives and keys, not for passes that rewrite primal code. */

@@ -40,9 +40,10 @@ static Inst *over(Builder *b, Inst *e, Inst *v) {
 /* ulps: errors of rows that are rounded once are half a unit in the last place. */
 static Inst *with_rounding(Boxes *x, Builder *b, Bound r, double ulps, Inst *e) {
     bool f64 = x->to->precision == PREC_F64;
-    double unit = ulps * (f64 ? DBL_EPSILON : FLT_EPSILON), tiny = f64 ? DBL_MIN : FLT_MIN; /* of what underflows */
+    double unit = ulps * (f64 ? DBL_EPSILON : FLT_EPSILON);
+    double tiny = f64 ? fmax(DBL_MIN * unit, 0x1p-1074) : fmax(FLT_MIN * unit, 0x1p-149); /* of what underflows */
     Inst *own = ir_emit2(b, OP_fmul, largest(b, r), number(b, unit));
-    return plus(b, plus(b, own, number(b, tiny * unit)), e);
+    return plus(b, plus(b, own, number(b, tiny)), e);
 }
 
 enum { MATH_ULPS = 8 }; /* of the worst of the elementary functions, pow */

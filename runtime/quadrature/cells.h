@@ -91,7 +91,8 @@ typedef struct CellOptions {
 typedef struct CellCounts {
     double settled, curved, left;  /* measures, in units of the domain */
     uint64_t cells, boxes, points; /* final cells; evaluations of bounds, and of anything at a point */
-    uint64_t coincident;           /* points of curves that coincide and move apart, where there is no derivative */
+    uint64_t coincident;           /* points of curves that coincide and move apart, where there is no derivative; */
+    SltPlace coincident_at;        /* the least of them */
     double banded; /* measure of cells, counted as curved, with curves whose order rounding hides; f depends on it */
     /* What rounding of g may make of curves: of the value, by channel; of derivatives, the integral of |jump| along
      * curves, and of |jump| * Root.blur. */

@@ -458,7 +458,7 @@ static bool emit_untied(Cells *c, const Place *p, uint32_t n, const Decided *d, 
         const Place *of = &p[at[i]];
         for (uint32_t e = 0; e < tie[i].n; e++, probe += 2) emit_home(c, &x[i], of, &tie[i], e, probe);
         cells_emit_away(c, &x[i], of->weight, of->rule, &tie[i]);
-        c->counts->coincident += tie[i].kink && of->rule == CELL_FINE;
+        if (tie[i].kink && of->rule == CELL_FINE) cells_count_kink(c, &x[i].event, x[i].x);
     }
     return true;
 }

@@ -538,6 +538,8 @@ bool cells_part_twins(Cells *c);
 /* Counts the cell of a root whose order is not known as not certified, once. */
 void cells_count_band(Cells *c, const Root *r);
 void cells_count_hidden(Cells *c, const Root *r); /* whatever its sides are */
+/* A point of CellCounts.coincident. */
+void cells_count_kink(Cells *c, const Event *event, const double x[3]);
 
 /* ---- cells_tied.c */
 /* Sets up c->apart, if it can be, and c->untie; false when memory runs out. */

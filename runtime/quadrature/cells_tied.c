@@ -121,7 +121,7 @@ bool cells_emit_tied(Cells *c, const Column *from, const Column *to) {
             Crossing x = {.event = {0}};
             cells_crossing(c, r, &x);
             if (t->hidden) cells_count_hidden(c, r);
-            else if (t->kink && k->rule == CELL_FINE) c->counts->coincident++;
+            else if (t->kink && k->rule == CELL_FINE) cells_count_kink(c, &r->of->event, r->x);
             for (uint32_t e = 0; e < t->n; e++) emit_part(c, &x, k, t, e, p++);
             cells_emit_away(c, &x, k->weight, k->rule, t);
         }

@@ -193,6 +193,13 @@ static bool keep_way(Cells *c, Root *r, const Order order[2], uint32_t move, dou
     return cells_keep_kink(c, r, move, (const bool[2]){order[0].seen, order[1].seen}, up, hidden);
 }
 
+void cells_count_kink(Cells *c, const Event *event, const double x[3]) {
+    SltPlace at = {.known = true, .site = (uint32_t)event->site + 1};
+    for (uint32_t d = 0; d < c->dim; d++) at.x[d] = at.beyond[d] = x[d];
+    if ((uint32_t)event->site < c->s->nsites) place_least(&c->counts->coincident_at, &at);
+    c->counts->coincident++;
+}
+
 /* Does one of them jump by something else in the one order than in the other? */
 static bool differ(const Cells *c, const Order order[2]) {
     bool differ = false;
@@ -211,7 +218,7 @@ static bool keep_ways(Cells *c, Root *r, Root *stood, const Order order[2], uint
     use(c->b, c->s);
     if (!cells_lie_on_each_other(c, r, stood, &one)) return false;
     if (!event_same(&r->of->event, &stood->of->event)) {
-        c->counts->coincident += one && differ(c, order);
+        if (one && differ(c, order)) cells_count_kink(c, &stood->of->event, stood->x);
         return true;
     }
     return keep_way(c, r, order, move, 1, !one) && keep_way(c, stood, order, move, -1, !one);

@@ -97,7 +97,10 @@ static bool put_part(void *user, uint32_t worker, uint64_t part) {
         bool on = !active || active[q];
         double b = on ? m->boundary[at] : 0, i = on ? m->interior[at] : 0;
         if (out->gradient) out->gradient[at] = b + i;
-        if (out->gradient_stderr) out->gradient_stderr[at] = on ? sums_error(m, at) : 0;
+        if (out->gradient_stderr) {
+            double error = on ? sums_error(m, at) : 0;
+            out->gradient_stderr[at] = isnan(error) && isfinite(b + i) ? HUGE_VAL : error;
+        }
         if (out->interior) out->interior[at] = i;
         if (out->boundary) out->boundary[at] = b;
         /* A page of zeros that none has written to costs no memory. */

@@ -20,6 +20,8 @@ enum {
     DEEPER = 16
 };
 
+#define ALIKE 0x1p-10 /* of what one sample may make of a value: two sets that differ by less agree */
+
 static bool grow(void **v, uint64_t n, uint64_t *cap, size_t size) {
     if (n <= *cap) return true;
     uint64_t more = 2 * n;
@@ -246,7 +248,7 @@ void sweep_begin_tile(SweepWorker *v, const Box *box) {
     v->counts = (CellCounts){0}, v->nleft = 0, v->left_bound = v->loss = 0;
     v->volume_sampled = 0, v->nbeside = 0;
     kept_clear(&v->kept);
-    memset(v->f, 0, sizeof v->f), memset(v->f_hidden, 0, sizeof v->f_hidden);
+    memset(v->f, 0, sizeof v->f), memset(v->f_hidden, 0, sizeof v->f_hidden), memset(v->f_unit, 0, sizeof v->f_unit);
     cull_select(&v->sweep->run->cull, &v->w->cull, &v->w->batch, box->lo, box->end);
 }
 
@@ -288,6 +290,8 @@ void sweep_merge_sums(Sweep *p, SweepWorker *v, SumMode mode, double lines) {
         bool sets = mode == SUM_SETS || mode == SUM_LINE || mode == SUM_CURVES;
         p->f[c] += sets ? 0.5 * (fine + coarse) : fine;
         if (mode == SUM_RULES) p->f_error[c] += d + (p->sums.rounding + p->sums.roots) * fabs(fine);
+        /* Samples that all agree know no error: another one may have met what they all missed. */
+        if (sets && d < ALIKE * v->f_unit[c]) d = 2 * v->f_unit[c];
         if (sets) p->f_variance[c] += 0.25 * d * d;
         p->f_hidden[c] += v->f_hidden[c];
     }
@@ -306,6 +310,7 @@ static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
         t->upset_jump[ch] += c->upset_jump[ch], t->rims[ch] += c->rims[ch];
     if (c->upset_edge && (!t->upset_edge || c->upset_edge < t->upset_edge)) t->upset_edge = c->upset_edge;
     p->run->stats.dropped[SLT_DROP_COINCIDENT] += c->coincident;
+    place_least(&p->run->stats.dropped_at[SLT_DROP_COINCIDENT], &c->coincident_at);
     t->cells += c->cells, t->boxes += c->boxes, t->points += c->points, t->spent |= c->spent;
     p->loss += v->loss, p->left_bound += v->left_bound;
     p->short_of_volume |= c->spent && (v->volume_sampled > 0 || v->nbeside);

@@ -117,6 +117,7 @@ struct SweepWorker {
     uint64_t nbeside, beside_cap;
     double f[CELL_RULES][SLT_MAX_CHANNELS]; /* sums of the tile */
     double f_hidden[SLT_MAX_CHANNELS];      /* as in Sweep */
+    double f_unit[SLT_MAX_CHANNELS];        /* of cells that are left: what one sample may make of the value, at most */
     double left_bound, loss;
     double volume_sampled;         /* measure of cells of the tile whose volume is only sampled */
     double jump[SLT_MAX_CHANNELS]; /* as in Sweep; of this worker's tiles */

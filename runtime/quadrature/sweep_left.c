@@ -32,6 +32,18 @@ double left_divisor(const SweepWorker *v) {
     return lines * sqrt(fmax(1, (double)v->w->finder.crossings / (2 * lines)));
 }
 
+/* By how much f may jump in a cell: less than its bounds are apart, and about what is seen elsewhere. */
+static void note_unit(SweepWorker *v, const LeftCell *l) {
+    const Sweep *p = v->sweep;
+    double sample = l->stands * sweep_measure(&l->box, p->run->s->dim) / pow(p->lines, p->run->s->dim);
+    for (uint32_t c = 0; c < p->run->s->channels; c++) {
+        double jump = l->bounds[2 * c + 1] - l->bounds[2 * c];
+        if (!(jump < INFINITY)) jump = p->jump[c] > 0 ? p->jump[c] : 1;
+        else if (p->jump[c] > 0) jump = fmin(jump, p->jump[c]);
+        v->f_unit[c] = fmax(v->f_unit[c], jump * sample);
+    }
+}
+
 static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     Sweep *p = user;
     SweepWorker *v = &p->worker[worker];
@@ -52,6 +64,7 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     v->w->finder.lost = lost;
     v->w->sink.coincide.apart = p->apart, v->w->sink.coincide.no_kinks = true;
     v->w->sink.coincide.tied = v->w->finder.tied = p->apart ? p->run->tied : NULL;
+    v->w->finder.ties = p->apart != NULL;
     for (uint64_t i = from; i < to && pool_stop_reason(&p->run->pool) == SLT_OK; i++) {
         const LeftCell *l = &p->left[i];
         v->left_bound += sweep_hidden(p, l);
@@ -60,13 +73,13 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
         v->owner = (uint8_t)(i - from);
         if (!(l->stands > 0)) continue;
         if (p->options.curves && !p->marches && !left_lines(v, l, p->lines, set)) return false;
-        if (p->options.volume) left_samples(v, l, p->lines, set);
+        if (p->options.volume) left_samples(v, l, p->lines, set), note_unit(v, l);
         seen[i - from] = p->marches || v->differ != differ; /* march.c has asked already */
     }
     near_flush(v->w);
     finder_run(&v->w->finder, true);
     if (v->w->sink.misses) thin_flush_cells(v->w, sides, p->lines);
-    v->w->finder.lost = NULL, v->w->sink.coincide.apart = NULL;
+    v->w->finder.lost = NULL, v->w->sink.coincide.apart = NULL, v->w->finder.ties = false;
     v->w->sink.coincide.tied = v->w->finder.tied = NULL;
     if (p->marches && !left_curves(v, &p->left[from], (uint32_t)(to - from), false)) return false;
     if (p->errors && p->options.curves && !left_hidden(v, &p->left[from], (uint32_t)(to - from), seen, lost))

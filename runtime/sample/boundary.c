@@ -19,7 +19,7 @@ void boundary_merge(Boundary *y, Worker *w) {
 
 void boundary_bind(Boundary *y, Worker *w, SinkKind kind) {
     w->finder.coarse = run_is_coarse(y->run);
-    w->sink.coincide.apart = y->run->apart;
+    w->sink.coincide.apart = y->run->apart, w->finder.ties = y->run->apart != NULL;
     w->sink.coincide.tied = w->finder.tied = y->run->tied;
     w->sink.kind = kind, w->sink.adjoint = y->adjoint, w->sink.classes = y->classes, w->sink.dirs = y->dirs;
     w->sink.any_sign = y->any_sign;

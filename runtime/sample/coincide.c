@@ -12,9 +12,10 @@
 #include "runtime/sample/run.h"
 
 enum {
-    ASKED = 8,  /* suspects of a batch, before all are */
-    ALONG = 16, /* `elsewhere` goes aside by the segment's length divided by this */
-    NEWTON = 3  /* and so many steps back to g = 0 */
+    ASKED = 8,        /* suspects of a batch, before all are, */
+    ASKED_SILENT = 4, /* and of silent ones */
+    ALONG = 16,       /* `elsewhere` goes aside by the segment's length divided by this */
+    NEWTON = 3        /* and so many steps back to g = 0 */
 };
 /* Parameters are moved by STEP_BRACKETS times the bracket of roots (in a domain of size 1), but at most by STEP_MOST.
  */
@@ -57,17 +58,47 @@ static bool is_alone(const SltScene *s, const Crossing *c) {
     }
 }
 
+static bool is_suspect(const Sink *k, const Crossing *c) {
+    const SltScene *s = k->b->s;
+    bool skips = s->site_skips && s->site_skips[c->event.site],   /* other iterations may decide for moved ones, */
+        ray = s->site_kind[c->event.site] >= SLT_SITE_SILHOUETTE, /* another edge be the one that a ray passes */
+        tied = k->coincide.tied && k->coincide.tied[c->event.site];
+    return !skips && !ray && (tied || !is_alone(s, c));
+}
+
+/* Where two boundaries lie in neighbouring floats, g of both is 0 between these, and the kernel names one of them
+ * twice. Does the hash name another comparison alone, outside of loops? */
+static void take_other(const SltScene *s, Crossing *c) {
+    uint32_t differ = c->ha ^ c->hb;
+    for (uint32_t site = 0; site < s->nsites; site++)
+        if (s->site_kind[site] == SLT_SITE_COMPARE && mix(0x9e3779b9u, site + 1) == differ) {
+            c->event = (Event){.site = (int32_t)site};
+            return;
+        }
+}
+
+void coincide_name(const Sink *k, Crossing *c, uint32_t n) {
+    for (uint32_t i = 0; i < n && k->coincide.apart; i++)
+        if (is_suspect(k, &c[i]) && !is_alone(k->b->s, &c[i])) take_other(k->b->s, &c[i]);
+}
+
+uint32_t coincide_sift(const Sink *k, Crossing *c, uint32_t n) {
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < n && k->coincide.apart; i++)
+        if (is_suspect(k, &c[i])) {
+            if (kept != i) c[kept] = c[i];
+            kept++;
+        }
+    return kept;
+}
+
 /* Those of order[0 .. n) that are kept and may be not alone; how many. */
 static uint32_t find_suspects(const Sink *k, const Crossing *c, const uint64_t *order, const bool *keep, uint32_t n,
                               uint32_t *list) {
-    const SltScene *s = k->b->s;
     uint32_t suspects = 0;
     for (uint32_t i = 0; i < n; i++) {
         const Crossing *x = &c[(uint32_t)order[i]];
-        bool skips = s->site_skips && s->site_skips[x->event.site],   /* other iterations may decide for moved ones, */
-            ray = s->site_kind[x->event.site] >= SLT_SITE_SILHOUETTE; /* another edge be the one that a ray passes */
-        bool tied = k->coincide.tied && k->coincide.tied[x->event.site];
-        if (keep[i] && !skips && !ray && (tied || !is_alone(s, x))) list[suspects++] = i;
+        if (keep[i] && is_suspect(k, x)) list[suspects++] = i;
     }
     return suspects;
 }
@@ -203,8 +234,9 @@ static void untie_some(Sink *k, const Crossing *c, const uint64_t *order, bool *
 }
 
 /* Is any of a few of the suspects tied? */
-static bool any_tied(Sink *k, const Crossing *c, const uint64_t *order, const uint32_t *suspect, uint32_t n) {
-    uint32_t share = (n + ASKED - 1) / ASKED, asked = 0, which[ASKED];
+static bool any_tied(Sink *k, const Crossing *c, const uint64_t *order, const uint32_t *suspect, uint32_t n,
+                     uint32_t most) {
+    uint32_t share = (n + most - 1) / most, asked = 0, which[ASKED];
     Tie tie[ASKED];
     bool any = false;
     for (uint32_t i = 0; i < n; i += share) which[asked++] = (uint32_t)order[suspect[i]];
@@ -222,7 +254,8 @@ void coincide_settle(Sink *k, const Crossing *c, const uint64_t *order, bool *ke
         k->failed = true;
         return;
     }
-    if (!any_tied(k, c, order, suspect, suspects)) return;
+    /* Edges that lie on each other and are hidden are many, and silent. */
+    if (!any_tied(k, c, order, suspect, suspects, c->silent ? ASKED_SILENT : ASKED)) return;
     for (uint32_t from = 0; from < suspects; from += UNTIE_MOST)
         untie_some(k, c, order, keep, suspect + from, suspects - from < UNTIE_MOST ? suspects - from : UNTIE_MOST);
     q->nparts = coincide_weigh(k, q->part, q->nparts), q->nhalves = coincide_weigh(k, q->half, q->nhalves);

@@ -31,6 +31,10 @@ bool twins_begin(Run *r);
 /* The step where roots are known to this part of the domain; at least `least`. */
 double coincide_step(double bracket, double least);
 void coincide_free(Coincide *q);
+/* Crossings whose event is another's get theirs. */
+void coincide_name(const Sink *k, Crossing *c, uint32_t n);
+/* Silent crossings that no other boundary may lie on leave the list; returns how many stay. */
+uint32_t coincide_sift(const Sink *k, Crossing *c, uint32_t n);
 /* After all n of a batch have their weights: asks some of those at which other events decide differently too. If
  * something has come apart at one of them, all of these are untied: those that are not their own event's alone are kept
  * no longer, their parts are, as crossings with weights. Counts SLT_DROP_COINCIDENT. keep[i] is of order[i], which goes

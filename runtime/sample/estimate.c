@@ -24,7 +24,8 @@ double slt_estimate_ulps(const SltScene *s, const SltJob *j) {
     double lines = pow(segments_of(j) / (j->integral ? replicates : 1) / s->dim, 1.0 / s->dim);
     for (uint32_t d = 0; d < s->dim && !s->f64; d++) {
         double spacing = (s->hi[d] - s->lo[d]) / fmax(1, lines * (j->integral ? 1 : j->size[d]));
-        least = fmin(least, spacing / ((double)FLT_EPSILON * fmax(fabs(s->lo[d]), fabs(s->hi[d]))));
+        double far = fmax(FLT_MIN, fmax(fabs(s->lo[d]), fabs(s->hi[d]))); /* below it floats are evenly spaced */
+        least = fmin(least, spacing / ((double)FLT_EPSILON * far));
     }
     return least;
 }
@@ -269,6 +270,16 @@ static void unknown_errors(const SltScene *s, double *error, uint64_t n, bool co
         if (!components || !s->active || s->active[i % s->nfloats]) error[i] = HUGE_VAL;
 }
 
+/* Lines may meet what all samples have missed, a shell of a millionth of the domain: these then agree, and know no
+ * error. It is no less than what one sample weighs that falls where f has jumped as it does at crossings. */
+static void least_of_value(const Run *r, double *value_stderr) {
+    double volume = 1;
+    for (uint32_t d = 0; d < r->s->dim; d++) volume *= r->s->hi[d] - r->s->lo[d];
+    for (uint32_t c = 0; c < r->s->channels; c++)
+        value_stderr[c] =
+            fmax(value_stderr[c], r->kept.by[c] / (double)r->kept.n * volume / fmax(1, (double)r->j->samples));
+}
+
 /* Lines and samples, as many as the job says. */
 static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err) {
     Run r;
@@ -323,6 +334,7 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
             mask_inactive(s, k.missed + row * s->nfloats);
         }
         bars_of_rows(k.value, NULL, k.n, s->channels, out->value, out->value_stderr);
+        if (r.kept.n && out->value_stderr) least_of_value(&r, out->value_stderr);
         bool apart = boundary_in_order(&r);
         bars_of_rows(k.interior, k.boundary, k.n, k.size, out->gradient, apart ? NULL : out->gradient_stderr);
         if (apart && out->gradient_stderr) {
@@ -347,6 +359,9 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
             Boundary of = {.run = &r, .segments = segments_of(j) / k.n, .classes = 1};
             st = lost_add(&r, &of, k.n, out->gradient_stderr);
         }
+        /* Bars that overflow, of slopes as small as 1e-40, are not known either. */
+        for (uint64_t i = 0; i < k.size && out->gradient_stderr && out->gradient; i++)
+            if (isnan(out->gradient_stderr[i]) && isfinite(out->gradient[i])) out->gradient_stderr[i] = HUGE_VAL;
         out->replicates = true;
     }
     free(k.value), free(k.interior), free(k.boundary), free(k.missed), free(k.half), free(k.sketch);

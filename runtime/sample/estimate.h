@@ -88,6 +88,8 @@ typedef struct SltScene {
     SltKernel *const *cull_bounds;               /* [ncull]: kernels of kind CULL, by [Cull] loop */
     const uint32_t *cull_count;                  /* [ncull]: iterations of each loop */
     const struct SltGeometry *const *geometries; /* [ngeometries]; NULL: no kernel asks it anything */
+    uint32_t neighbours, halvings; /* of snapped segments, and down to which roots are searched, where a benchmark
+                                      varies them; 0: 14 and 15 */
     uint32_t ngeometries;
     const uint32_t *geometry_base; /* [ngeometries]: where in `params` the numbers of each begin */
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane);

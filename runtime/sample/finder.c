@@ -71,7 +71,8 @@ double search_least(const Finder *f, const Segment *s) {
 /* How near a root must be bracketed, in parts of the whole segment. */
 static double tolerance(const Finder *f, const Segment *s) {
     if (s->fine) return search_least(f, s);
-    return fmax(root_tolerance(f->coarse && s->state != SEARCH_FRESH), search_least(f, s));
+    double usual = root_tolerance(f->coarse && s->state != SEARCH_FRESH);
+    return fmax(f->s->halvings ? ldexp(1, -(int)f->s->halvings) : usual, search_least(f, s));
 }
 
 void finder_push(Finder *f, const Segment *s) {
@@ -114,7 +115,12 @@ static void drop(Finder *f, SltDrop reason, uint8_t owner, const SltPlace *at) {
 
 void finder_note_size(const Finder *f, Sizes *s, const Crossing *c) {
     s->n++;
-    for (uint32_t i = 0; i < f->s->channels; i++) s->sum += fabs(c->jump[i]);
+    for (uint32_t i = 0; i < f->s->channels; i++) s->sum += fabs(c->jump[i]), s->by[i] += fabs(c->jump[i]);
+}
+
+void sizes_add(Sizes *to, const Sizes *s) {
+    to->n += s->n, to->sum += s->sum;
+    for (uint32_t i = 0; i < SLT_MAX_CHANNELS; i++) to->by[i] += s->by[i];
 }
 
 void finder_drop(Finder *f, SltDrop reason, const Crossing *c) {
@@ -395,8 +401,9 @@ static uint32_t accept(Finder *f, const Item *it, double lo, double hi, Mark bef
         finder_drop_part(f, SLT_DROP_NOT_FINITE, &it->s, it->event.site);
         return UINT32_MAX;
     }
-    bool tied = f->tied && f->tied[it->event.site];
-    if (!jumps && !(tied && has_silent(f))) return UINT32_MAX;
+    bool tied = f->tied && f->tied[it->event.site],
+         several = f->ties && before.hash != after.hash && !search_has_depth(f->s); /* decisions, may be */
+    if (!jumps && !((tied || several) && has_silent(f))) return UINT32_MAX;
     c.t = it->x1;
     double slack = 0; /* by how much rounding of g widens the bracket, in parts of the segment */
     if (it->exact && it->s.tb - it->s.ta <= it->tol) {

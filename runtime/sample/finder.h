@@ -73,11 +73,12 @@ typedef struct Crossing {
     double weight, g, dg[3]; /* sink.c: the factor of jump * d_theta g, g at x, and its gradient in x */
 } Crossing;
 
-/* How many crossings, and what f jumps by at them, summed over the channels. */
+/* How many crossings, and what f jumps by at them, summed over the channels and by channel. */
 typedef struct Sizes {
     uint64_t n;
-    double sum;
+    double sum, by[SLT_MAX_CHANNELS];
 } Sizes;
+void sizes_add(Sizes *to, const Sizes *s);
 
 typedef struct Finder Finder;
 struct Finder {
@@ -115,6 +116,7 @@ struct Finder {
     uint32_t nalike, alike_cap;
     uint64_t unproven; /* parts of the least length that bounds left open */
     bool proves, prove_classes;
+    bool ties;       /* crossings at which regions differ and f does not are wanted too: Crossing.silent */
     bool coarse;     /* rays in an image: a root to 2^-9 of a segment, less than a hundredth of a pixel, will do */
     bool halve_only; /* as Belhe et al. search: bisection on the hash down to 2^-15 */
     bool failed;     /* memory ran out */

@@ -113,8 +113,8 @@ void run_collect(Run *r, Worker *w) {
     batch_collect(&w->batch, t);
     t->segments += w->finder.segments, w->finder.segments = 0;
     t->crossings += w->finder.crossings, w->finder.crossings = 0;
-    r->kept.n += w->finder.kept.n, r->kept.sum += w->finder.kept.sum, w->finder.kept = (Sizes){0};
-    r->gone.n += w->finder.gone.n, r->gone.sum += w->finder.gone.sum, w->finder.gone = (Sizes){0};
+    sizes_add(&r->kept, &w->finder.kept), w->finder.kept = (Sizes){0};
+    sizes_add(&r->gone, &w->finder.gone), w->finder.gone = (Sizes){0};
     r->steep += w->finder.steep, r->rims += w->finder.rims, w->finder.steep = w->finder.rims = 0;
     for (int d = 0; d < SLT_DROP_REASONS; d++) {
         t->dropped[d] += w->finder.dropped[d], w->finder.dropped[d] = 0;

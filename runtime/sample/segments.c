@@ -11,7 +11,7 @@
 #include "runtime/sample/boundary.h"
 #include "runtime/sample/depth.h"
 
-enum { CHUNK = 4096, NEIGHBOURS = 14 };
+enum { CHUNK = 4096, NEIGHBOURS = 14, NEIGHBOURS_MOST = 64 };
 
 typedef struct Snap {
     Boundary *y;
@@ -149,9 +149,11 @@ static double knn_weight(const Snap *s, uint64_t i, uint64_t from, uint64_t to) 
         for (uint64_t j = from; j < to; j++) same += fabs(s->all[j].x[0] - c->x[0]) <= s->length * 0x1p-10;
         return 1.0 / same;
     }
-    uint32_t k = to - from - 1 < NEIGHBOURS ? (uint32_t)(to - from - 1) : NEIGHBOURS;
+    uint32_t k = s->y->run->s->neighbours ? s->y->run->s->neighbours : NEIGHBOURS;
+    if (k > NEIGHBOURS_MOST) k = NEIGHBOURS_MOST;
+    if (k > to - from - 1) k = (uint32_t)(to - from - 1);
     if (!k) return s->weight; /* the only crossing of its site */
-    double best[NEIGHBOURS];
+    double best[NEIGHBOURS_MOST];
     for (uint64_t j = i; j-- > from;) {
         double dx = c->x[0] - s->all[j].x[0];
         if (n == k && dx * dx >= best[k - 1]) break;

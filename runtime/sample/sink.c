@@ -70,11 +70,14 @@ static double length(const double v[3], uint32_t dim) {
  */
 static bool weigh(const Sink *k, Crossing *c, SltDrop *reason) {
     uint32_t dim = k->b->s->dim;
-    double scaled = 0, plain = 0, along = 0;
+    double scaled = 0, plain = 0, along = 0, most = 0;
+    int power = 0; /* of two, in units of which slopes are: their squares stay in range, whatever g is measured in */
+    for (uint32_t d = 0; d < dim; d++) most = fmax(most, fabs(c->dg[d]));
+    if (isfinite(most)) frexp(most, &power);
     for (uint32_t d = 0; d < dim; d++) {
-        double v = k->scale[d] * c->dg[d];
-        scaled += v * v, plain += c->dg[d] * c->dg[d];
-        along += c->dg[d] * c->direction[d];
+        double slope = ldexp(c->dg[d], -power), v = k->scale[d] * slope;
+        scaled += v * v, plain += slope * slope;
+        along += slope * c->direction[d];
     }
     if (!isfinite(scaled) || !isfinite(plain)) *reason = SLT_DROP_NOT_FINITE;
     else if (!(scaled > 0) || !(plain > 0)) *reason = SLT_DROP_ZERO_GRADIENT;
@@ -82,11 +85,14 @@ static bool weigh(const Sink *k, Crossing *c, SltDrop *reason) {
      * the change is little beside that of g on the segment: far from the origin, rounding in single precision makes as
      * much.
      */
-    else if (fabs(c->ga) + fabs(c->gb) > sqrt(plain) * fmax(32 * c->bracket, ROUNDED * length(c->direction, dim)))
+    else if (ldexp(fabs(c->ga) + fabs(c->gb), -power) >
+             sqrt(plain) * fmax(32 * c->bracket, ROUNDED * length(c->direction, dim)))
         *reason = SLT_DROP_INCONSISTENT;
     else {
-        if (c->axis >= 0) c->weight = c->base * c->dg[c->axis] * k->scale[c->axis] * k->scale[c->axis] / scaled;
-        else c->weight = c->base * (along < 0 ? -1 : 1) / sqrt(plain);
+        if (c->axis >= 0) {
+            double slope = ldexp(c->dg[c->axis], -power);
+            c->weight = ldexp(c->base * slope * k->scale[c->axis] * k->scale[c->axis] / scaled, -power);
+        } else c->weight = ldexp(c->base * (along < 0 ? -1 : 1) / sqrt(plain), -power);
         if (isfinite(c->weight)) return true;
         *reason = SLT_DROP_NOT_FINITE;
     }
@@ -433,6 +439,7 @@ static void put_doubts(Sink *k, const Crossing *c, const bool *keep, uint32_t n)
 void sink_take(void *sink, Crossing *c, uint32_t n) {
     Sink *k = sink;
     if (k->clip) n = clip(k, c, n);
+    coincide_name(k, c, n);
     if (k->kind == SINK_KEEP) {
         keep_all(k, c, n);
         return;
@@ -472,6 +479,7 @@ void sink_take_silent(void *sink, Crossing *c, uint32_t n) {
     bool keep[BATCH];
     if (k->kind == SINK_KEEP) return;
     if (k->clip) n = clip(k, c, n);
+    n = coincide_sift(k, c, n);
     f->lost = NULL;
     group(k, c, n);
     for (uint32_t from = 0, to; from < n; from = to) {

@@ -9,7 +9,8 @@
 enum {
     SHIFTS = 16,
     LOOKS = 4, /* places between a run's vertex and each of its ends */
-    RUNS = BATCH / (2 * LOOKS)
+    RUNS = BATCH / (2 * LOOKS),
+    FEW = 16 /* of a tile */
 };
 
 /* May the near-miss probe see a run? */
@@ -25,6 +26,7 @@ enum { UNLIKE = PROBE_TRY + 1, PROBES };
 /* Segment.thin from THIN_FIRST on: the run's vertex, the axis, the probe, and whether the edge lies behind the vertex.
  */
 enum { THIN_FIRST = 2, AXES = 3 };
+#define SHORTER 0.75
 #define SAME 0.125 /* of the jump: by what f may change between the two sides of a run */
 
 static bool alike(const Worker *w, const Line *l, uint64_t a, uint64_t b) {
@@ -163,11 +165,11 @@ static double stands_in_cell(const Worker *w, const Crossing *a, const Crossing 
 
 /* The finder knows a root on each side of the vertex, and others may lie between: where lines are wider apart than what
  * is repeated, and vertices say only whether they lie in it. A few places up to each root tell how long the run is. Not
- * between unlike neighbours, where edges that show nowhere are not among the crossings. */
-static void shorten(Worker *w, const Crossing *c, Vertex *run, uint32_t n) {
+ * between unlike neighbours, where edges that show nowhere are not among the crossings. Is any much shorter? */
+static bool shorten(Worker *w, const Crossing *c, Vertex *run, uint32_t n) {
     Batch *b = &w->batch;
     uint32_t lane = 0;
-    if (w->depth) return;
+    bool any = false;
     for (uint32_t i = 0; i < n; i++)
         for (int end = 0; end < 2; end++) {
             const Crossing *x = &c[run[i].c + (uint64_t)end];
@@ -189,13 +191,15 @@ static void shorten(Worker *w, const Crossing *c, Vertex *run, uint32_t n) {
             while (k < LOOKS && batch_mark(b, lane + (uint32_t)k).hash == (end ? x->ha : x->hb)) k++;
             length += to * fmax(k, 0.5) / LOOKS;
         }
-        if ((int)probe_of_run(&c[run[i].c]) != UNLIKE) run[i].length = fmin(run[i].length, length);
+        if ((int)probe_of_run(&c[run[i].c]) == UNLIKE) continue;
+        any |= length < SHORTER * run[i].length;
+        run[i].length = fmin(run[i].length, length);
     }
+    return any;
 }
 
 /* What runs stand for goes to the front; returns how many crossings that are. */
 static uint64_t put_runs(Worker *w, Crossing *c, uint64_t kept, Vertex *run, uint32_t n, const Net *t) {
-    if (n) shorten(w, c, run, n);
     for (uint32_t i = 0; i < n; i++) {
         const Crossing *a = &c[run[i].c];
         double more = t->stride ? stands_in_tile(w, a, a + 1, run[i].length, t->stride)
@@ -214,7 +218,8 @@ static uint64_t put_runs(Worker *w, Crossing *c, uint64_t kept, Vertex *run, uin
 static uint64_t pair(Worker *w, Crossing *c, uint64_t n, const Net *t) {
     Vertex run[RUNS];
     uint64_t kept = 0;
-    uint32_t runs = 0;
+    uint32_t runs = 0, most = w->depth ? RUNS : FEW;
+    bool look = !w->depth;
     for (uint64_t i = 0; i < n; i++) {
         if (c[i].thin == THIN_FOUND) { /* before all others */
             c[kept] = c[i], c[kept++].weight *= -1;
@@ -223,9 +228,13 @@ static uint64_t pair(Worker *w, Crossing *c, uint64_t n, const Net *t) {
         /* The last crossing before the vertex, the first behind it. */
         if (i + 1 == n || c[i].thin & 1 || c[i + 1].thin != c[i].thin + 1) continue;
         run[runs++] = (Vertex){i, c[i + 1].x[c[i].axis] - c[i].x[c[i].axis]};
-        if (runs == RUNS) kept = put_runs(w, c, kept, run, runs, t), runs = 0;
+        if (runs == most) { /* the first few tell whether the others must be looked at, too */
+            look = look && shorten(w, c, run, runs), most = RUNS;
+            kept = put_runs(w, c, kept, run, runs, t), runs = 0;
+        }
         i++;
     }
+    if (look && runs) shorten(w, c, run, runs);
     return put_runs(w, c, kept, run, runs, t);
 }
 

@@ -202,7 +202,7 @@ static void asking_takes_nothing(void **state) {
     char *wrong = malloc(LONG + 1), *json = malloc(LONG + 32);
     memset(wrong, 'a', LONG), wrong[LONG] = 0;
     sprintf(json, "{\"%s\": 1}", wrong);
-    const char *names[] = {wrong};
+    const char *names[] = {wrong}, *right[] = {"s[*].inner[0].q"};
     size_t used = budget->used, limit = budget->limit;
     for (int round = 0; round < 3; round++) {
         SltStatus want = round ? SLT_LIMIT : SLT_USAGE;
@@ -210,6 +210,7 @@ static void asking_takes_nothing(void **state) {
         for (int i = 0; i < 2000; i++) {
             assert_ok(slt_set_text(p, "s[1].inner[0].q", "3", &err));
             assert_ok(slt_param_find(p, "s[1].inner[0].tag", &q, &err));
+            assert_ok(slt_wrt(p, right, 1, &err));
         }
         assert_int_equal(slt_param_find(p, wrong, &q, &err), want);
         assert_int_equal(slt_set_text(p, wrong, "3", &err), want);

@@ -411,6 +411,16 @@ class Check(Case):
         self.assertLess(off, 2 * d["stderr"]["a"])
         self.assertGreater(off, 0.3 * d["stderr"]["a"])
 
+    def test_element_near_zero(self):
+        """An element of an array steps as the others do: by itself one of -.007 took steps of 3e-5, whose noise hides the row or fails it."""
+        self.put("g.salt", "param float g[6] = { 0.5, -0.4, 0.3, -0.007, 0.35, -0.6 }; [Domain(float2(0.0), float2(5.0, 1.0))] shader float main(float2 x) { "
+                 "[NoDisc] int i = min(int(x.x), 4); float v = lerp(g[i], g[i + 1], x.x - i) + 0.2 * sin(9.0 * x.y); [Disc] if (v > 0.0) return 1.0; return 0.0; }")
+        for seed in 1, 2, 3:
+            row = next(r for r in self.json_cli("check", "g.salt", "--estimator", "lattice", "--seed", seed)["rows"] if r["param"] == "g[3]")
+            self.assertLess(row["error"], 0.1)
+            self.assertGreater(row["step"], 1e-3)
+            self.assertTrue(row["pass"])
+
 
 class Explain(Case):
     def test_sections(self):

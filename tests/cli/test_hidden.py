@@ -58,6 +58,36 @@ class Hidden(Case):
                 self.assertLess(abs(j["gradient"]["r"] - truth), 2 * j["stderr"]["r"])
                 self.assertLess(j["stderr"]["r"], truth)
 
+    def test_a_shell_that_no_sample_meets(self):
+        """All samples agree that the value is 0, and lines have met the shell."""
+        truth = 8 * math.pi * 0.09e-6
+        for condition in "abs(length(x - 0.5) - 0.3) < b", "abs(abs(length(x - 0.5) - 0.2) - 0.1) < b":
+            self.put("s.salt", "param float b = 1e-6; shader float main(float3 x) { [Disc] if (%s) return 1.0; return 0.0; }" % condition)
+            for estimator in "auto", "lattice", "quadrature":
+                for precision in "f32", "f64":
+                    with self.subTest(condition=condition, estimator=estimator, precision=precision):
+                        j = self.json_cli("grad", "s.salt", "--integral", "--estimator", estimator, "--precision", precision)
+                        self.assertLess(abs(j["integral"][0] - truth), 2 * j["integral_stderr"][0])
+                        self.assertLess(j["integral_stderr"][0], 1e-3)
+
+    def test_jumps_that_cancel(self):
+        """Boundaries that lie on each other and whose jumps cancel: f is the same on both sides, and both derivatives exist. In
+        a volume rounding parts some of them by a float, where g of both is 0."""
+        ball, disc = math.pi * 0.36, math.pi * 0.6
+        cases = (("2", "x.x < a", "x.x > b", 2, -2), ("2", "length(x) < a", "length(x) > b", disc, -disc),
+                 ("2", "max(length(x) - 0.5, x.x - a) < 0.0", "max(length(x) - 0.5, b - x.x) < 0.0", 0.8, -0.8),
+                 ("3", "length(x) < a", "length(x) > b", ball, -ball),
+                 ("3", "max(length(x) - 0.5, x.x - a) < 0.0", "max(length(x) - 0.5, b - x.x) < 0.0", math.pi * 0.16, -math.pi * 0.16))
+        for dim, p, q, a, b in cases:
+            for precision in "f32", "f64":
+                with self.subTest(p=p, dim=dim, precision=precision):
+                    self.put("c.salt", "param float a = 0.3; param float b = 0.3; [Domain(-1.0, 1.0)] shader float main(float%s x) "
+                             "{ float f = 0.0; [Disc] if (%s) f += 1.0; [Disc] if (%s) f += 1.0; return f; }" % (dim, p, q))
+                    j = self.json_cli("grad", "c.salt", "--integral", "--estimator", "lattice", "--precision", precision)
+                    for name, want in (("a", a), ("b", b)):
+                        self.assertLess(abs(j["gradient"][name] - want), 3 * j["stderr"][name] + 1e-5, name)
+                        self.assertLess(j["stderr"][name], 0.02)
+
 
 if __name__ == "__main__":
     unittest.main()

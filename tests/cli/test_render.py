@@ -611,7 +611,16 @@ shader float4 main(float2 x) {
         a = self.json_cli("render", "f.salt", "--size", "6x5x4", "--params", "fit/fitted.json", "--centres")["mean"]
         self.assertEqual(a, self.json_cli("render", "f.salt", "--size", "6x5x4", "--param", "v=@fit/v.exr", "--centres")["mean"])
         self.assertIn("4 slices", self.run_cli("fit", "f.salt", "--target", "v.npy", "--size", "6x5x3", "--iters", 1, code=4).err)
-        self.assertIn("smoothed", self.run_cli("fit", "f.salt", "--target", "v.npy", "--smooth", "v=1", "--iters", 1, code=2).err)
+        # smoothed, one slice pulls the others with it
+        self.put("one.salt", "param texture3D v = zeros(6, 5, 4, 1); shader float main(float3 x) { float f = 0.0; [NoDisc] if (x.z < 0.25) f = v.sample(x).x; return f; }")
+        self.put("x.salt", "shader float main(float3 x) { return x.x + x.y + x.z; }")
+        self.run_cli("render", "x.salt", "--size", "6x5x4", "-o", "x.npy")
+        last = []
+        for smooth in (), ("--smooth", "v=20"):
+            self.json_cli("fit", "one.salt", "--target", "x.npy", "--optimizer", "sgd", "--lr", 1, "--iters", 2, *smooth, "-o", "fit/")
+            last.append(json.loads(self.get("fit/fitted.json"))["v"][3])
+        self.assertEqual(last[0], [[[0]] * 6] * 5 if isinstance(last[0][0][0], list) else [[0] * 6] * 5)
+        self.assertTrue(all(v != 0 for row in last[1] for v in (sum(row, []) if isinstance(row[0], list) else row)))
         self.run_cli("render", "s.salt", "--size", "6x4x1", "-o", "stack/0002.exr")
         for bad in ("none%d.exr", "flat.npy", "empty/", "s.salt", "stack"):
             self.put("flat.npy", write_npy((2, 2), [0] * 4))

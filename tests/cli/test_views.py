@@ -123,7 +123,7 @@ class Views(Case):
     def test_volume(self):
         self.put("s/a.salt", "param float r = 0.35;\nshader float main(float3 x) { float f = 0.1; [Disc] if (length(x - 0.5) < r) f = 1.0; return f; }")
         self.put("s/truth.salt", "shader float main(float3 x) { return length(x - 0.5) < 0.25 ? 1.0 : 0.1; }")
-        self.scene = {"shader": "a.salt", "size": [12, 10, 8], "spp": 8, "target": {"shader": "truth.salt"}, "optimizer": {"iters": 30}, "output": "out"}
+        self.scene = {"shader": "a.salt", "size": [12, 10, 8], "spp": 8, "target": {"shader": "truth.salt"}, "optimizer": {"iters": 60}, "output": "out"}
         self.assertAlmostEqual(self.fit()["params"]["r"], 0.25, delta=0.01)
         self.assertEqual(self.size("s/out/image.png"), (4 * 16 - 4, 10))
 

@@ -138,6 +138,13 @@ static bool any_viable(Checker *c, const Decl *d, Expr *e) {
     return false;
 }
 
+/* Do all want the same number of arguments, and another than this? Then that is what to say. */
+static bool none_takes(const Decl *d, uint32_t nargs) {
+    for (uint32_t i = 0; i < d->nfuncs; i++)
+        if (d->funcs[i]->nargs == nargs || d->funcs[i]->nargs != d->funcs[0]->nargs) return false;
+    return true;
+}
+
 static Expr *check_user_call(Checker *c, Expr *e, Decl *d) {
     for (uint32_t i = 0; i < d->nfuncs; i++) func_signature(c, d->funcs[i]);
     if (!check_args(c, e, true)) return fail(c, e);
@@ -157,7 +164,7 @@ static Expr *check_user_call(Checker *c, Expr *e, Decl *d) {
     if (!best || tie) {
         for (uint32_t i = 0; i < d->nfuncs; i++) /* a broken signature may have been the one */
             if (!func_info(c, d->funcs[i])->signature_ok || name_lost(c, d->funcs[i]->name)) return fail(c, e);
-        if (!best && d->nfuncs == 1) {
+        if (!best && (d->nfuncs == 1 || none_takes(d, e->nargs))) {
             report_single(c, e, d->funcs[0]);
             return fail(c, e);
         }
