@@ -18,6 +18,7 @@ static const Example examples[] = {
     {"high_frequency/zone_plate.salt", "", "48x48", NULL},
     {"painterly_discs/discs.salt", "--set N=60", "48x32",
      "--target " EXAMPLES "/painterly_discs/photo.png --size 60x40"},
+    {"occlusion/pile.salt", "", "48x48", "--wrt discs --target " EXAMPLES "/occlusion/wide.png --size 48x48"},
     {"voronoi_mosaic/mosaic.salt", "--set N=24", "48x32",
      "--target " EXAMPLES "/voronoi_mosaic/photo.png --size 60x40"},
     {"warped_mosaic/warped.salt", "--set N=24", "48x32",
