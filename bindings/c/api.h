@@ -25,7 +25,8 @@ struct SltProgram {
     SltOptions opt; /* what it points at lies in the session */
     PassCtx passes;
     Target target;
-    int source; /* of session->sources: the file or string that was compiled */
+    int source;       /* of session->sources: the file or string that was compiled */
+    bool has_lengths; /* open arrays have those of opt.lengths, which is kept */
 
     atomic_bool in_use;           /* by a public function that reads or writes what follows */
     _Atomic(const void *) holder; /* the thread whose fit holds the program, as call.c names threads; NULL: none */
@@ -157,6 +158,7 @@ bool api_looks_like_glsl(const char *text);
 /* The files that declarations name as values; the front end asks for their dimensions by api_probe_asset. */
 SltStatus api_load_assets(SltProgram *p, SltError *err);
 AssetProbe api_probe_asset;
+OpenLength api_open_length; /* of opt.lengths */
 
 /* ---- kernels.c: facts of the program */
 uint64_t api_event_bound(const SltProgram *p); /* the most events that one sample may meet */

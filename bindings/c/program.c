@@ -170,10 +170,12 @@ static void compile_body(Session *s, void *arg) {
                                    .glsl = glsl,
                                    .size = {p->opt.size[0], p->opt.size[1]},
                                    .probe = api_probe_asset,
+                                   .length = p->opt.lengths ? api_open_length : NULL,
                                    .probe_user = p},
                          .precision = p->opt.f64 ? PREC_F64 : PREC_F32,
                          .seed = p->opt.seed};
     Program *prog = front_compile(s, file, &po);
+    if (!p->has_lengths) p->opt.lengths = NULL; /* the caller's */
     p->ms_front = now_ms() - start;
     if (!prog || s->nerrors) {
         c->status = s->bad_usage ? SLT_USAGE : s->bad_input ? SLT_INPUT : SLT_PROGRAM;

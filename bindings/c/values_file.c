@@ -176,6 +176,14 @@ static bool probe_json(SltProgram *p, const char *path, const Symbol *of, uint32
     return ok;
 }
 
+bool api_open_length(void *user, const char *name, uint64_t *n) {
+    SltProgram *p = user;
+    if (!p->opt.lengths || !plain_length(p->opt.lengths, name, n)) return false;
+    /* Another entry of the source may be compiled later on. */
+    if (!p->has_lengths) p->opt.lengths = arena_strndup(&p->session->session, p->opt.lengths, strlen(p->opt.lengths));
+    return p->has_lengths = true;
+}
+
 /* The dimensions of an asset, for the front end; *why on failure. */
 bool api_probe_asset(void *user, const char *path, const Symbol *of, uint32_t dims[4], uint32_t *ndims,
                      const char **why) {

@@ -249,6 +249,7 @@ static void write_layout(FILE *out) {
     MEMBER(SltOptions, sandbox);
     MEMBER(SltOptions, language);
     MEMBER(SltOptions, size);
+    MEMBER(SltOptions, lengths);
     END(SltOptions);
     STRUCT(SltDiagnostic);
     MEMBER(SltDiagnostic, struct_size);
