@@ -379,6 +379,8 @@ static void write_layout(FILE *out) {
     MEMBER(SltFitOptions, decay);
     MEMBER(SltFitOptions, smooth_faces);
     MEMBER(SltFitOptions, nsmooth_faces);
+    MEMBER(SltFitOptions, first);
+    MEMBER(SltFitOptions, planned);
     END(SltFitOptions);
     ENUM(SltFitStop);
     VALUE(SLT_FIT_RUNNING);
