@@ -139,6 +139,8 @@ SltStatus api_geometries(SltProgram *p, SltError *err);
 /* ---- program.c: the source of p with more text behind it and another entry, under the options of p. As
  * slt_compile_string. */
 SltStatus api_compile_beside(const SltProgram *p, const char *more, const char *entry, SltProgram **out);
+/* The same source, entry and options again, with open arrays as long as in these values (SltOptions.lengths). */
+SltStatus api_compile_resized(const SltProgram *p, const char *lengths, SltProgram **out);
 
 /* ---- values.c */
 void api_flt_from(SltProgram *p, const double *values, uint32_t base,

@@ -265,6 +265,7 @@ struct Symbol {
     Func *init_func;   /* = init(f) */
     const char *asset; /* = "file", resolved path */
     bool zeros;        /* = zeros(w, h[, d][, channels]) */
+    bool open;         /* an array whose first size is `[]` */
     bool sized;        /* an open array with the length of values that the caller sets; zeros till then */
     uint32_t tex_w, tex_h, tex_d, tex_c; /* of textures and geometries that are grids, known at compile time; tex_d:
                                             slices of a texture3D, else 0 */

@@ -348,6 +348,7 @@ static bool param_value(Checker *c, Symbol *sym) {
     Session *s = c->s;
     Type *t = sym->type;
     bool open = t->kind == T_ARRAY && !t->n, ok;
+    sym->open = open;
     ParamFile *file = file_override(c, sym->doc_name);
     if (open && !file && sized_by_values(c, sym, &ok)) return ok;
     if (file && (type_is_resource(t) || open || sym->asset_text)) {
