@@ -53,11 +53,24 @@ static char *relative(Reader *r, const char *path) {
     return scene_keep(r->s, out);
 }
 
+typedef struct Slices {
+    const char *dir, *why;
+} Slices;
+
+static SltStatus refuse_slice(void *user, const char *path, SltError *err) {
+    Slices *s = user;
+    (void)err;
+    s->why = sandbox_refusal(s->dir, "", path);
+    return s->why ? SLT_INPUT : SLT_OK;
+}
+
 /* NULL: the scene may name the file. */
 static const char *refusal(const Reader *r, const char *text, const char *path) {
-    const char *why = r->c->opt.sandbox ? sandbox_refusal(r->s->dir, text, path) : NULL;
-    if (why && errno == ENOMEM) cli_need(NULL);
-    return why;
+    if (!r->c->opt.sandbox) return NULL;
+    Slices slices = {r->s->dir, sandbox_refusal(r->s->dir, text, path)};
+    if (!slices.why && volume_is_stack(path)) volume_each(path, refuse_slice, &slices, NULL); /* each may be a link */
+    if (slices.why && errno == ENOMEM) cli_need(NULL);
+    return slices.why;
 }
 
 static int text_of(Reader *r, json_t *root, const char *key, char **out, bool path) {
