@@ -95,6 +95,7 @@ struct Cli {
     uint32_t every;
     Assign lr[CLI_MAX_LIST], smooth[CLI_MAX_LIST]; /* name NULL: for all parameters */
     uint32_t nlr, nsmooth;
+    const char *plain_lr;       /* of the command line, for all parameters */
     SltSet faces[CLI_MAX_LIST]; /* of --smooth-faces */
     uint32_t nfaces;
     const char *loss;           /* of CLI_LOSSES; NULL: the scene's, or l2 */

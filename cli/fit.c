@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bindings/c/api.h"
 #include "cli/fit.h"
 /* ---- set-up */
 static bool on_command_line(const Cli *c, const char *name) {
@@ -60,6 +61,24 @@ static int apply_scene_params(Fit *f) {
     return f->c->nwrt || fit_choose_wrt(f, &err) == SLT_OK ? SLT_OK : fail_scene(f, &err);
 }
 
+/* A rate for all, typed by somebody who wants it to change something, where every parameter has one of its own. */
+static void warn_of_rate(const Fit *f) {
+    uint32_t n = slt_float_count(f->p), open = 0;
+    uint8_t *own = cli_need(calloc(n + 1, 1));
+    for (uint32_t k = 0; k < f->opt.nrates; k++) {
+        ParamPattern named;
+        SltError ignored;
+        if (f->rates[k].name && api_find_pattern(f->p, f->rates[k].name, NULL, &named, &ignored) == SLT_OK)
+            program_mark(&named, own);
+    }
+    for (uint32_t i = 0; i < n; i++) open += slt_wrt_mask(f->p)[i] && !own[i];
+    free(own);
+    if (!open && n)
+        cli_say(CLI_WARNING, "rate", NULL,
+                "--lr %s changes nothing: every parameter has a rate of its own, which `--lr P=%s` changes",
+                f->c->plain_lr, f->c->plain_lr);
+}
+
 /* From the general to the particular: a rate for all, the scene's, the command line's by name. */
 static int collect_numbers(Fit *f) {
     Cli *c = f->c;
@@ -80,6 +99,7 @@ static int collect_numbers(Fit *f) {
     }
     for (uint32_t k = 0; k < c->nlr; k++)
         if (c->lr[k].name) f->rates[o->nrates++] = (SltFitNumber){c->lr[k].name, strtod(c->lr[k].value, NULL)};
+    if (c->plain_lr && !c->quiet) warn_of_rate(f);
     for (uint32_t k = 0; k < c->nsmooth; k++) {
         if (!c->smooth[k].name) return cli_usage(c, "--smooth wants P=LAMBDA");
         f->smooth[o->nsmooth++] = (SltFitNumber){c->smooth[k].name, strtod(c->smooth[k].value, NULL)};
