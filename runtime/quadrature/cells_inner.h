@@ -11,6 +11,7 @@
  *   cells_base.c    2D: where along its base the shape of a curved cell changes
  *   cells_stretch.c that asked of stretches of the base, until bounds prove the answer
  *   cells_border.c  areas by what bounds them, where f is constant between curves
+ *   cells_points.c  how many points a piece gets, and where
  *   cells_column.c  pieces of the base become columns, these roots and crossings
  *   cells_twins.c   curves that lie on each other as far as rounding lets one tell: what is between them
  *   cells_tied.c    whose the jump is
@@ -184,6 +185,8 @@ typedef struct Piece {
     bool up[2];        /* and whether through the upper face */
     bool alone;        /* it is of one curve, `only`, and tells areas */
     uint8_t only;
+    double pace[3];   /* of one curve: how fast its base is gone along, at both ends and in the middle; all 1 else */
+    double turn;      /* and the angle by which its direction changes; 0: not known */
     double beyond[2]; /* as in Cut */
     PieceEdge edge[CELL_EDGES];
 } Piece;
@@ -510,12 +513,21 @@ void cells_slope_along(const double a[3][2], const double f[3][2], int base, int
                        double slope[2]);
 /* Is the curve of an edge in the cell above s on the base? False: the corners do not tell. */
 bool cells_told_by_corners(const CellEdge *e, double s, bool *present);
+/* Where it is, of a quadric that rises so along its height axis. */
+double cells_height_on_quadric(const Quadric *q, int base, int axis, int rises, double s);
 /* About where it is, as they tell; NaN: they do not. */
 double cells_height_by_corners(const Cell *cell, const CellEdge *e, int base, double s);
 bool cells_cut_planes(Cells *c, uint32_t first); /* makes the cuts, sorted */
 bool cells_cut_bases(Cells *c, uint32_t first);  /* and the pieces between them */
 /* The coarse rule has what lies between the end of a piece that goes out and the border of the domain. */
 void cells_emit_beyond(Cells *c, const Piece *p);
+
+/* ---- cells_points.c */
+/* Those of the fine rule, unless they are chosen already. */
+void cells_choose_points(const Cells *c, Piece *p);
+const GaussRule *cells_rule_of(const Cells *c, const Piece *p, CellRule rule);
+/* Where t of [0, 1] lies on the base of a piece with a turn, in parts of that, and how fast that goes there. */
+double cells_along_base(const Piece *p, double t, double *pace);
 
 /* ---- cells_column.c */
 bool cells_integrate(Cells *c); /* over all pieces */
