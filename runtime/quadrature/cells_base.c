@@ -61,7 +61,7 @@ static void note_face(Cells *c, uint32_t i, const Root *r) {
 }
 
 /* Of the two roots the one where the slope has the sign `rises`. */
-double cells_height_on_quadric(const Quadric *q, int base, int axis, int rises, double s) {
+static double height_on_quadric(const Quadric *q, int base, int axis, int rises, double s) {
     double by = s - q->x[base], g = q->g + q->dg[base] * by, slope = q->dg[axis];
     if (q->flat) return q->x[axis] - g / slope;
     g += 0.5 * q->bend[base][base] * by * by, slope += q->bend[base][axis] * by;
@@ -71,7 +71,7 @@ double cells_height_on_quadric(const Quadric *q, int base, int axis, int rises, 
 /* Where the cubics through the corners are 0. */
 double cells_height_by_corners(const Cell *cell, const CellEdge *e, int base, double s) {
     if (!e->sure[0] || !e->sure[1]) return NAN;
-    if (e->quadric.is) return cells_height_on_quadric(&e->quadric, base, e->axis, e->rises[e->axis], s);
+    if (e->quadric.is) return height_on_quadric(&e->quadric, base, e->axis, e->rises[e->axis], s);
     double lo = cell->box.lo[base], width = cell->box.hi[base] - lo, t = (s - lo) / width, u = 1 - t, g[2], up[2];
     double ends[2] = {cell->box.lo[e->axis], cell->box.hi[e->axis]};
     for (int face = 0; face < 2; face++) {

@@ -223,7 +223,8 @@ static bool add_roots(Cells *c, uint32_t piece, Column *k, double along) {
     for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) {
         const PieceEdge *edge = &p->edge[e];
         bool known = along == 0 && (p->base < 0 || k->x[p->base] == edge->at);
-        if (!add_root(c, k, e, known ? edge->height : guess_beside(c, p, e, k->x[p->base]))) return false;
+        bool told = c->cell[p->cell].edge[e].quadric.is; /* wherever it begins */
+        if (!add_root(c, k, e, known || told ? edge->height : guess_beside(c, p, e, k->x[p->base]))) return false;
         Root *r = &c->root[c->nroot - 1];
         r->twin = edge->twin, r->wanted = edge->open, r->tie = edge->tie;
         r->band = edge->band;

@@ -430,7 +430,7 @@ Probe *cells_probe_event(Cells *c, const Event *e, const double x[3]);      /* w
 Ask *cells_ask(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]);
 /* What is decided in boxes and what is open: in cell[0 .. nhalves - 1], and in those behind, for which it also makes
  * lists of iterations. */
-void cells_bound_halves(Cells *c);
+bool cells_bound_halves(Cells *c);
 bool cells_bound_small(Cells *c);
 /* Of others; `lonely` is the caller's. few_events: most that may be open, but for what CELL_FEW_EVENTS says. */
 void cells_bound_boxes(Cells *c, Cell *cell, uint32_t n, uint32_t few_events);
@@ -513,8 +513,6 @@ void cells_slope_along(const double a[3][2], const double f[3][2], int base, int
                        double slope[2]);
 /* Is the curve of an edge in the cell above s on the base? False: the corners do not tell. */
 bool cells_told_by_corners(const CellEdge *e, double s, bool *present);
-/* Where it is, of a quadric that rises so along its height axis. */
-double cells_height_on_quadric(const Quadric *q, int base, int axis, int rises, double s);
 /* About where it is, as they tell; NaN: they do not. */
 double cells_height_by_corners(const Cell *cell, const CellEdge *e, int base, double s);
 bool cells_cut_planes(Cells *c, uint32_t first); /* makes the cuts, sorted */

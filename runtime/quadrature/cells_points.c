@@ -14,22 +14,24 @@ static double length_of(const Piece *p) { return p->base < 0 ? 0 : p->at[p->base
 static void find_pace(const Cells *c, Piece *p) {
     const Cell *cell = &c->cell[p->cell];
     const CellEdge *e = &cell->edge[p->only];
+    const Quadric *q = &e->quadric;
     double cosine[2], sine[2];
     p->pace[0] = p->pace[1] = p->pace[2] = 1, p->turn = 0;
-    if (!p->alone || p->base < 0 || !e->quadric.is || e->quadric.flat) return;
+    if (!p->alone || p->base < 0 || !q->is || q->flat) return;
     for (int end = 0; end < 2; end++) {
-        double x[3] = {0}, dg[3] = {0};
-        x[p->base] = p->at[p->base][end];
-        x[p->axis] = cells_height_on_quadric(&e->quadric, p->base, p->axis, e->rises[p->axis], x[p->base]);
-        cells_on_quadric(&e->quadric, x, c->dim, dg);
-        double size = sqrt(dg[0] * dg[0] + dg[1] * dg[1]), up = dg[p->axis] < 0 ? -1 : 1;
-        cosine[end] = up * dg[p->axis] / size, sine[end] = -up * dg[p->base] / size;
+        double by = p->at[p->base][end] - q->x[p->base], bend = q->bend[p->base][p->base];
+        double g = q->g + by * (q->dg[p->base] + 0.5 * bend * by), twist = q->bend[p->base][p->axis];
+        double slope = q->dg[p->axis] + twist * by, up = sqrt(slope * slope - 2 * q->bend[p->axis][p->axis] * g);
+        double along = q->dg[p->base] + bend * by;
+        if (twist != 0) along -= twist * 2 * g / (slope + e->rises[p->axis] * up);
+        double size = 1 / sqrt(up * up + along * along);
+        cosine[end] = up * size, sine[end] = -e->rises[p->axis] * along * size;
     }
     double across = cosine[0] + cosine[1], along = sine[0] + sine[1],
            middle = across / sqrt(across * across + along * along);
     if (!(middle > 0)) return; /* NaN is not */
     p->pace[0] = cosine[0], p->pace[1] = middle, p->pace[2] = cosine[1];
-    p->turn = sqrt((cosine[1] - cosine[0]) * (cosine[1] - cosine[0]) + (sine[1] - sine[0]) * (sine[1] - sine[0]));
+    p->turn = fabs(cosine[0] * sine[1] - cosine[1] * sine[0]); /* the sine of it, that is */
 }
 
 /* Where t of [0, 1] lies on its base, in parts of that, and how fast that goes there: the parabola through the paces.
