@@ -467,8 +467,7 @@ static bool work(Cells *c, const Node *node, uint32_t nodes) {
     for (uint32_t i = 0; i < nodes; i++)
         if (!is_coarse(c, &node[i])) split(c, &node[i].box, &node[i], i, node[i].whole);
     c->nhalves = c->ncell;
-    cells_bound_halves(c);
-    if (!cells_close(c, c->cell, c->nhalves)) return false;
+    if (!cells_bound_halves(c) || !cells_close(c, c->cell, c->nhalves)) return false;
     for (uint32_t i = 0; i < c->nhalves; i++)
         if (!judge(c, &c->cell[i])) return false;
     const uint32_t halves = c->nhalves;
