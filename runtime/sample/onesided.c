@@ -30,6 +30,7 @@ enum {
 /* How far a parameter of size 1 goes: beyond rounding, and so little that what the integral bends by is none. */
 #define STEP_F64 0x1p-14
 #define STEP_F32 0x1p-12
+#define ZERO 1e-12  /* as cos(pi / 2) is */
 #define ASIDE 0.125 /* of that the others go with one: what coincides among them must not hide it */
 #define BENT 0x1p-6 /* of the largest derivative: less is no kink, but a curve that turns fast */
 #define SURE 2.0    /* stated errors of the moved integrals */
@@ -123,9 +124,11 @@ static bool sides_begin(Sides *q, const SltScene *s) {
 
 static void sides_end(Sides *q) { free(q->lo), free(q->parameter); }
 
+/* What is small and no 0 is a width, which keeps its sign. */
 static double step_of(const SltScene *s, uint32_t p) {
-    double v = s->f64 ? ((const double *)s->params)[p] : (double)((const float *)s->params)[p];
-    return (s->f64 ? STEP_F64 : STEP_F32) * fmax(0.1, fabs(v));
+    double v = fabs(s->f64 ? ((const double *)s->params)[p] : (double)((const float *)s->params)[p]);
+    double step = (s->f64 ? STEP_F64 : STEP_F32) * fmax(0.1, v);
+    return v > ZERO ? fmin(step, 0.5 * v) : step;
 }
 
 /* The scene after one of the moves. */
