@@ -131,7 +131,7 @@ bool opt_bands(PassCtx *ctx, Fn *fn) {
     ArenaMark m = arena_mark(scratch);
     uint32_t n = ir_number(fn);
     IrRange *range = ARENA_ARRAY(scratch, IrRange, n + 1);
-    ir_ranges(fn, scratch, range);
+    ir_ranges(fn, scratch, NULL, range);
     Bands s = {.fn = fn, .range = range, .on = depend_values(fn, (DependOptions){0})};
     for (uint32_t i = 0; i < fn->nsites; i++)
         s.events += fn->sites[i].max_events > MOST_EVENTS ? MOST_EVENTS + 1 : fn->sites[i].max_events;
