@@ -10,6 +10,7 @@
 #include "runtime/sample/boundary.h"
 #include "runtime/sample/depth.h"
 #include "runtime/sample/interior.h"
+#include "runtime/sample/onesided.h"
 
 const char *const slt_drop_names[SLT_DROP_REASONS] = {"zero_gradient", "not_finite", "inconsistent", "no_event",
                                                       "no_root",       "static",     "depth",        "coincident"};
@@ -466,22 +467,34 @@ SltStatus slt_estimate_sampled(const SltScene *s, const SltJob *job, SltIntegral
     return st;
 }
 
+/* by: whose answer it is. */
+static SltStatus integral_once(const SltScene *s, const SltJob *job, SltIntegral *out, SltEstimator *by,
+                               SltStats *stats, SltError *err) {
+    SltJob own;
+    bool choice = job->estimator == SLT_EST_AUTO, turned = false;
+    const SltJob *j = settle(s, job, &own, stats);
+    *by = j->estimator;
+    if (*by == SLT_EST_QUADRATURE) {
+        SltStatus done = quadrature_integral(s, j, out, choice ? &turned : NULL, stats, err);
+        if (!turned) return done;
+        *by = own.estimator = SLT_EST_LATTICE;
+    }
+    return slt_estimate_sampled(s, j, out, stats, err);
+}
+
 SltStatus slt_estimate_integral(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats,
                                 SltError *err) {
-    SltJob copy = *job, own;
+    SltJob copy = *job;
+    SltStats own = SLT_STATS_INIT;
+    SltEstimator by;
     copy.integral = true;
-    bool choice = copy.estimator == SLT_EST_AUTO;
     for (uint64_t i = 0; i < (uint64_t)s->channels * s->nfloats && out->left_bound; i++)
         out->left_bound[i] = NAN; /* cells prove more */
     if (slt_estimate_by_differences(copy.estimator)) return difference_integral(s, &copy, out, stats, err);
-    bool turned = false;
-    const SltJob *j = settle(s, &copy, &own, stats);
-    if (j->estimator == SLT_EST_QUADRATURE) {
-        SltStatus done = quadrature_integral(s, j, out, choice ? &turned : NULL, stats, err);
-        if (!turned) return done;
-        own.estimator = SLT_EST_LATTICE;
-    }
-    return slt_estimate_sampled(s, j, out, stats, err);
+    SltStatus st = integral_once(s, &copy, out, &by, &own, err);
+    if (st == SLT_OK) st = onesided_add(s, &copy, by, out, &own, err);
+    stats_add(stats, &own);
+    return st;
 }
 
 /* ---- one segment */
