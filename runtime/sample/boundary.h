@@ -11,15 +11,17 @@ typedef struct Boundary {
     double segments;                /* a pixel, or of an integral in all */
     double *const *targets; /* sums [nfloats]. SINK_INTEGRAL: by channel, by channel the part that coarser lines miss,
                                by channel what boundaries that coincide leave open, then the sketches, by channel each;
-                               SINK_REVERSE: by class, then as `misses` says */
+                               SINK_REVERSE: by class, then as `misses` says, then the noise */
     float *const *out;      /* SINK_FORWARD: images, by direction */
     float *crossings;       /* SINK_FORWARD: crossings a pixel; may be NULL */
     const float *adjoint;   /* SINK_REVERSE: an image */
     const Directions *dirs; /* SINK_FORWARD */
     uint32_t classes;       /* SINK_REVERSE: 1, or COSETS */
-    Parts *parts;           /* SINK_REVERSE: how the tiles of the classes spread; may be NULL */
-    bool misses;            /* SINK_REVERSE: after those a target for what is missed (thin.h) */
-    bool any_sign;          /* each crossing counts with a random sign */
+    const float *noise[2];  /* SINK_REVERSE: see Sink; NULL: none */
+    Parts *parts;           /* SINK_REVERSE: what tiles err by; may be NULL */
+    PartsOf parts_of;
+    bool misses;   /* SINK_REVERSE: after those a target for what is missed (thin.h) */
+    bool any_sign; /* each crossing counts with a random sign */
 } Boundary;
 /* The boundary term by the job's estimator; nothing where the program has none. */
 SltStatus boundary_run(Boundary *y, SinkKind kind);

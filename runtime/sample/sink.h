@@ -6,6 +6,7 @@
 #include "runtime/sample/accum.h"
 #include "runtime/sample/coincide.h"
 #include "runtime/sample/follow.h"
+#include "runtime/sample/parts.h"
 #include "runtime/sample/sketch.h"
 #include "runtime/sample/splat.h"
 
@@ -34,6 +35,8 @@ struct Sink {
     const Grid *grid;
     double scale[3];        /* s_j of the weights: sides of the domain (integral) or of a pixel */
     const float *adjoint;   /* SINK_REVERSE: an image */
+    const float *noise[2];  /* SINK_REVERSE: how far the adjoint is off, and per jump what it is at least; or NULL. What
+                               that weighs goes to the last PARTS_NOISE buffers */
     uint32_t classes;       /* SINK_REVERSE: adjoint buffers, 1 or COSETS */
     bool sizes;             /* SINK_REVERSE: classes as of SINK_PARTS, sizes included */
     const Directions *dirs; /* SINK_FORWARD */
