@@ -52,7 +52,7 @@ SltStatus boundary_run(Boundary *y, SinkKind kind) {
         st = status_fail(r->err, SLT_LIMIT, "out of memory");
     if (st == SLT_OK) {
         for (uint32_t i = 0; i < r->nworkers; i++) boundary_bind(y, &r->worker[i], kind);
-        st = estimators[r->j->estimator](y, kind);
+        st = y->windows ? scanline_windows(y) : estimators[r->j->estimator](y, kind);
     }
     run_free_workers(r);
     return st;

@@ -5,6 +5,12 @@
 #include "runtime/sample/parts.h"
 #include "runtime/sample/run.h"
 
+/* Short lines in boxes that are spread over the domain by chance, instead of those of the estimator. */
+typedef struct Windows {
+    uint32_t n, vertices; /* boxes, each with a line along each axis; vertices of a line */
+    double side[3];       /* of a box */
+} Windows;
+
 typedef struct Boundary {
     Run *run;
     uint32_t replicate, replicates; /* its number, and how many there are; their shifts are strata of one another */
@@ -20,8 +26,9 @@ typedef struct Boundary {
     const float *noise[2];  /* SINK_REVERSE: see Sink; NULL: none */
     Parts *parts;           /* SINK_REVERSE: what tiles err by; may be NULL */
     PartsOf parts_of;
-    bool misses;   /* SINK_REVERSE: after those a target for what is missed (thin.h) */
-    bool any_sign; /* each crossing counts with a random sign */
+    bool misses;            /* SINK_REVERSE: after those a target for what is missed (thin.h) */
+    const Windows *windows; /* NULL: the whole domain */
+    bool any_sign;          /* each crossing counts with a random sign */
 } Boundary;
 /* The boundary term by the job's estimator; nothing where the program has none. */
 SltStatus boundary_run(Boundary *y, SinkKind kind);
@@ -36,10 +43,18 @@ bool boundary_in_order(const Run *r);
 void boundary_bind(Boundary *y, Worker *w, SinkKind kind);
 void boundary_merge(Boundary *y, Worker *w);
 
+/* scanline.c: the boundary term on y->windows. */
+SltStatus scanline_windows(Boundary *y);
+
+/* finer.c: about how many crossings lines that are eight times finer meet and those of an integral's replicates do not;
+ * 0 where they meet about the same. */
+SltStatus finer_missed(Run *r, const Boundary *of, uint32_t replicates, double *missed);
+
 /* lost.c: adds to the errors of an integral's derivatives, [channels][nfloats], or of a weighted image's, [nfloats],
  * what the crossings weigh that the run has dropped: as many as were found weigh, in the mean. Infinite where none was
- * found. Of `of` the segments (of one replicate) count, the classes, and the adjoint image, NULL for integrals. */
-SltStatus lost_add(Run *r, const Boundary *of, uint32_t replicates, double *error);
+ * found. Of `of` the segments (of one replicate) count, the classes, and the adjoint image, NULL for integrals. missed:
+ * so many more, of which nothing is known. */
+SltStatus lost_add(Run *r, const Boundary *of, uint32_t replicates, double missed, double *error);
 
 /* Shift of replicate r of n along dimension d, in [0, 1): the random number u is the same for all replicates, the
  * stratum of width 1/n is each one's own, in another order for each dimension. So the mean over replicates is as good

@@ -46,12 +46,12 @@ static SltStatus add_squares(Run *r, Boundary *y, uint32_t n, uint64_t size, dou
     return st;
 }
 
-SltStatus lost_add(Run *r, const Boundary *of, uint32_t replicates, double *error) {
+SltStatus lost_add(Run *r, const Boundary *of, uint32_t replicates, double missed, double *error) {
     uint32_t channels = r->s->channels, n = of->adjoint ? of->classes : 3 * channels;
     uint64_t size = (uint64_t)(of->adjoint ? 1 : channels) * r->s->nfloats, lost = lost_of(&r->stats),
              kept = kept_of(&r->stats);
-    if (!lost || !error) return SLT_OK;
-    double missing = number_lost(r);
+    if ((!lost && !(missed > 0)) || !error) return SLT_OK;
+    double missing = number_lost(r) + missed;
     double *sums = alloc_zero((uint64_t)n * r->s->nfloats + size, sizeof *sums);
     if (!sums) return status_fail(r->err, SLT_LIMIT, "out of memory");
     double *squares = sums + (uint64_t)n * r->s->nfloats;

@@ -58,6 +58,20 @@ class Hidden(Case):
                 self.assertLess(abs(j["gradient"]["r"] - truth), 2 * j["stderr"]["r"])
                 self.assertLess(j["stderr"]["r"], truth)
 
+    def test_as_fine_as_the_lines(self):
+        """Cells without a tag, nearly as many as a line has vertices, or more: each segment holds several edges, and replicates agree on what is wrong."""
+        for k in 150, 200, 371, 1000:
+            with self.subTest(k):
+                self.put("p.salt", "param float r = 0.25; shader float main(float2 x) { [NoDisc] float2 q = frac(x * %d.0) - 0.5; float f = 0.0; [Disc] if (length(q) < r) f = 1.0; return f; }" % k)
+                for seed in 0, 1, 2:
+                    j = self.json_cli("grad", "p.salt", "--integral", "--estimator", "lattice", "--seed", seed, "--quiet")
+                    self.assertLess(abs(j["gradient"]["r"] - math.pi / 2), 4 * j["stderr"]["r"])
+        self.put("p.salt", "param float r = 0.25; shader float main(float2 x) { float f = 0.0; [Disc] if (length(x - 0.5) < r) f = 1.0; return f; }")
+        for samples in 2 ** 10, 2 ** 14, 2 ** 18:
+            j = self.json_cli("grad", "p.salt", "--integral", "--estimator", "lattice", "--samples", samples, "--quiet")
+            self.assertLess(abs(j["gradient"]["r"] - math.pi / 2), 4 * j["stderr"]["r"])
+            self.assertLess(j["stderr"]["r"], 3 * samples ** -0.6)
+
     def test_a_shell_that_no_sample_meets(self):
         """All samples agree that the value is 0, and lines have met the shell."""
         truth = 8 * math.pi * 0.09e-6
