@@ -5,10 +5,14 @@
 #include "runtime/sample/parts.h"
 #include "runtime/sample/run.h"
 
-/* Short lines in boxes that are spread over the domain by chance, instead of those of the estimator. */
+/* Lines in boxes of their own, instead of those of the estimator. */
+typedef struct Window {
+    double lo[3], hi[3];
+} Window;
 typedef struct Windows {
-    uint32_t n, vertices; /* boxes, each with a line along each axis; vertices of a line */
-    double side[3];       /* of a box */
+    uint32_t n, lines, vertices; /* boxes; of each lines a side, and vertices of a line */
+    double side[3];              /* spread over the domain by chance, of these sides; or */
+    const Window *at;            /* [n]: there */
 } Windows;
 
 typedef struct Boundary {
@@ -46,6 +50,14 @@ void boundary_merge(Boundary *y, Worker *w);
 /* scanline.c: the boundary term on y->windows. */
 SltStatus scanline_windows(Boundary *y);
 
+/* finer.c: the boundary term on y->windows into sum[3][channels][nfloats], as SINK_INTEGRAL has it; returns nothing but
+ * evaluations in the run's counts. *crossings: that were integrated. */
+SltStatus windows_run(Run *r, Boundary *y, double *sum, double *crossings);
+
+/* unmet.c: adds what small things weigh that no line has met (of sites that are 0 in r->met), and that bounds lead to,
+ * to the estimate of what is missed and to the error, [channels][nfloats]. */
+SltStatus unmet_add(Run *r, const Boundary *of, double *missed, double *error);
+
 /* finer.c: about how many crossings lines that are eight times finer meet and those of an integral's replicates do not;
  * 0 where they meet about the same. */
 SltStatus finer_missed(Run *r, const Boundary *of, uint32_t replicates, double *missed);
@@ -53,8 +65,8 @@ SltStatus finer_missed(Run *r, const Boundary *of, uint32_t replicates, double *
 /* lost.c: adds to the errors of an integral's derivatives, [channels][nfloats], or of a weighted image's, [nfloats],
  * what the crossings weigh that the run has dropped: as many as were found weigh, in the mean. Infinite where none was
  * found. Of `of` the segments (of one replicate) count, the classes, and the adjoint image, NULL for integrals. missed:
- * so many more, of which nothing is known. */
-SltStatus lost_add(Run *r, const Boundary *of, uint32_t replicates, double missed, double *error);
+ * so many more, of which nothing is known but that so much is in the error already: told (may be NULL). */
+SltStatus lost_add(Run *r, const Boundary *of, uint32_t replicates, double missed, const double *told, double *error);
 
 /* Shift of replicate r of n along dimension d, in [0, 1): the random number u is the same for all replicates, the
  * stratum of width 1/n is each one's own, in another order for each dimension. So the mean over replicates is as good

@@ -216,7 +216,7 @@ static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const 
     }
     for (uint32_t p = 0; p < s->nfloats && stderr_bound && missed; p++)
         stderr_bound[p] = sqrt(stderr_bound[p] + (parts && memory ? parts_variance(parts, p) : 0)) + fabs(missed[p]);
-    if (st == SLT_OK && !j->no_boundary) st = lost_add(&r, &of, 1, 0, stderr_bound);
+    if (st == SLT_OK && !j->no_boundary) st = lost_add(&r, &of, 1, 0, NULL, stderr_bound);
     r.stats.seconds_boundary = pool_now() - t;
     mask_inactive(s, gradient), mask_inactive(s, stderr_bound);
     for (uint32_t c = 0; c < classes && classes > 1; c++) free(part[c]);
@@ -333,6 +333,8 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         k.half = alloc_zero(k.size, sizeof(double));
         if (boundary_in_order(&r) && gradient && !(k.sketch = alloc_zero(SKETCHES * k.size, sizeof(double))))
             st = status_fail(err, SLT_LIMIT, "out of memory");
+        r.met = s->met;
+        if (r.met) r.met[s->nsites] = 1;
         if (!k.value || !k.interior || !k.boundary || !k.missed || !k.half)
             st = status_fail(err, SLT_LIMIT, "out of memory");
     }
@@ -393,7 +395,7 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
             Boundary of = {.run = &r, .segments = segments_of(j) / k.n, .classes = 1};
             double missed = 0;
             if (out->gradient_stderr) st = finer_missed(&r, &of, k.n, &missed);
-            if (st == SLT_OK) st = lost_add(&r, &of, k.n, missed, out->gradient_stderr);
+            if (st == SLT_OK) st = lost_add(&r, &of, k.n, missed, out->missed_estimate, out->gradient_stderr);
         }
         /* Bars that overflow, of slopes as small as 1e-40, are not known either. */
         for (uint64_t i = 0; i < k.size && out->gradient_stderr && out->gradient; i++)
@@ -402,6 +404,23 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
     }
     free(k.value), free(k.interior), free(k.boundary), free(k.missed), free(k.half), free(k.sketch);
     tails_free(&tails);
+    run_end(&r, stats);
+    return st;
+}
+
+bool slt_estimate_has_unmet(const SltScene *s) {
+    return s->met && s->nsites && s->met[s->nsites] && memchr(s->met, 0, s->nsites) && !s->uses_rand;
+}
+
+SltStatus slt_estimate_unmet(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
+    SltJob j = *job;
+    Run r;
+    j.integral = true;
+    if (!slt_estimate_has_unmet(s) || !out->gradient_stderr || !s->kernel[SLT_K_BOUNDS]) return SLT_OK;
+    SltStatus st = run_begin(&r, s, &j, err);
+    Boundary of = {.run = &r, .segments = segments_of(&j) / 4, .classes = 1};
+    r.met = s->met;
+    if (st == SLT_OK) st = unmet_add(&r, &of, out->missed_estimate, out->gradient_stderr);
     run_end(&r, stats);
     return st;
 }

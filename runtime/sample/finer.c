@@ -11,15 +11,12 @@
 #include "runtime/sample/boundary.h"
 
 enum { WINDOWS = 24, SEGMENTS = 16, FINER = 8, FEWEST = 8 /* crossings more, at least */ };
-#define COST 0.015 /* of the vertices of all lines, at most */
+#define COST 0.02 /* of the vertices of all lines, at most */
 
-/* Crossings on the lines of the windows. */
-static SltStatus count(Run *r, Boundary *y, double *crossings) {
-    uint32_t sums = 3 * r->s->channels;
-    double *sum = alloc_zero((uint64_t)sums * r->s->nfloats, sizeof *sum), *targets[3 * SLT_MAX_CHANNELS];
-    if (!sum) return status_fail(r->err, SLT_LIMIT, "out of memory");
-    for (uint32_t c = 0; c < sums; c++) targets[c] = sum + (uint64_t)c * r->s->nfloats;
-    y->targets = targets;
+SltStatus windows_run(Run *r, Boundary *y, double *sum, double *crossings) {
+    double *targets[3 * SLT_MAX_CHANNELS];
+    for (uint32_t c = 0; c < 3 * r->s->channels; c++) targets[c] = sum + (uint64_t)c * r->s->nfloats;
+    y->targets = targets, y->replicates = 1;
     Sizes kept = r->kept, gone = r->gone;
     SltStats before = r->stats;
     r->kept = (Sizes){0};
@@ -27,6 +24,13 @@ static SltStatus count(Run *r, Boundary *y, double *crossings) {
     *crossings = (double)r->kept.n;
     before.evaluations = r->stats.evaluations;
     r->stats = before, r->kept = kept, r->gone = gone;
+    return st;
+}
+
+static SltStatus count(Run *r, Boundary *y, double *crossings) {
+    double *sum = alloc_zero(3ull * r->s->channels * r->s->nfloats, sizeof *sum);
+    if (!sum) return status_fail(r->err, SLT_LIMIT, "out of memory");
+    SltStatus st = windows_run(r, y, sum, crossings);
     free(sum);
     return st;
 }
@@ -38,12 +42,12 @@ SltStatus finer_missed(Run *r, const Boundary *of, uint32_t replicates, double *
     /* One line is all there is in 1D, and finer than anybody asks. Of terrain slopes say what to look for. */
     if (s->dim == 1 || s->uses_rand || scene_outputs(s, SLT_K_REGION, SLT_OUT_DEPTH) || per_axis < SEGMENTS)
         return SLT_OK;
-    double most = COST * of->segments * replicates / (s->dim * SEGMENTS * (1 + FINER));
-    Windows windows = {.n = (uint32_t)fmin(WINDOWS, most)};
-    if (!windows.n) return SLT_OK;
+    double vertices = of->segments / s->dim * replicates, most = COST * vertices / (s->dim * SEGMENTS * (1 + FINER));
+    Windows windows = {.n = (uint32_t)fmin(WINDOWS, most), .lines = 1};
+    if (!windows.n || replicates < 2) return SLT_OK; /* of one replicate no error is known */
     for (uint32_t d = 0; d < s->dim; d++) windows.side[d] = (s->hi[d] - s->lo[d]) * SEGMENTS / per_axis;
     Boundary y = *of;
-    y.windows = &windows, y.any_sign = true, y.misses = false, y.replicates = 1;
+    y.windows = &windows, y.any_sign = true;
     double found[2];
     for (int fine = 0; fine < 2; fine++) {
         windows.vertices = SEGMENTS * (fine ? FINER : 1);

@@ -268,12 +268,14 @@ static bool window_work(void *user, uint32_t worker, uint64_t tile) {
         double room = s->hi[d] - s->lo[d] - of->side[d];
         box.lo[d] = s->lo[d] + rng_unit(place[d]) * fmax(0, room);
         box.hi[d] = room > 0 ? box.lo[d] + of->side[d] : s->hi[d];
-        box.m[d] = 1, box.v[d] = of->vertices;
+        box.m[d] = of->lines, box.v[d] = of->vertices;
+        if (of->at) box.lo[d] = of->at[tile].lo[d], box.hi[d] = of->at[tile].hi[d];
     }
     cull_select(&k->y->run->cull, &w->cull, &w->batch, box.lo, box.hi);
     for (uint32_t axis = 0; axis < s->dim; axis++) {
-        if (!worker_vertices(w, box.v[axis] + 2)) return false;
-        scan_lines(k, w, &box, axis, 0, 1);
+        uint64_t lines = line_count(k, &box, axis);
+        if (!worker_vertices(w, lines * (box.v[axis] + 2))) return false;
+        scan_lines(k, w, &box, axis, 0, lines);
     }
     accum_close(&w->acc);
     return !(w->finder.failed || w->sink.failed || w->acc.failed);

@@ -140,6 +140,7 @@ static void weigh_ends(Sink *k, Crossing *c, const uint64_t *order, const uint32
 void sink_weigh(Sink *k, Crossing *c, const uint64_t *order, uint32_t n, bool *keep) {
     uint32_t failed[BATCH], nfailed = 0;
     SltDrop reason;
+    if (k->met && n) __atomic_store_n(&k->met[c[(uint32_t)order[0]].event.site], 1, __ATOMIC_RELAXED);
     for (uint32_t i = 0; i < n; i++) sink_put(k, i, &c[(uint32_t)order[i]]);
     batch_call(k->b, SLT_K_SITE_GRAD, n);
     for (uint32_t i = 0; i < n; i++) {

@@ -48,6 +48,7 @@ struct Sink {
     const SltCullList *lists; /* moved: those of the scene */
     bool moved;               /* calls see moved parameters: sink_move */
     Follow *follow;           /* NULL: fingers are not followed */
+    uint8_t *met;             /* Run.met, of all workers */
     bool any_sign;            /* each crossing counts with a random sign */
     Sketch sketch;            /* SINK_INTEGRAL */
     Crossing *thin;           /* [nthin]: of this tile, for thin.h; only where `misses` */
