@@ -240,7 +240,13 @@ static int set_rates(Cli *c, const char *name, const char *v, Assign *list, uint
     return SLT_OK;
 }
 
-static int set_lr(Cli *c, const Option *o, const char *v) { return set_rates(c, o->name, v, c->lr, &c->nlr); }
+static int set_lr(Cli *c, const Option *o, const char *v) {
+    int status = set_rates(c, o->name, v, c->lr, &c->nlr);
+    for (uint32_t k = 0; k < c->nlr; k++)
+        if (!c->lr[k].name) c->plain_lr = c->lr[k].value;
+    return status;
+}
+
 static int set_smooth(Cli *c, const Option *o, const char *v) {
     return set_rates(c, o->name, v, c->smooth, &c->nsmooth);
 }

@@ -48,6 +48,17 @@ class Fit(Case):
         self.run_cli("fit", "b.salt", "--minimize", "--target", "t.exr", code=2)
         self.run_cli("fit", "b.salt", "--minimize", "--lr", "q=1", code=2)
 
+    def test_rate_that_changes_nothing(self):
+        self.put("b.salt", BOWL)
+        args = ("fit", "b.salt", "--minimize", "--iters", 2, "--samples", 64)
+        self.assertIn("--lr 0.5 changes nothing", self.run_cli(*args, "--lr", "0.5,a=0.1,b=0.1").err)
+        self.assertIn("--lr 0.5 changes nothing", self.run_cli(*args, "--lr", "0.5,a=0.1", "--wrt", "a").err)
+        self.assertEqual(self.run_cli(*args, "--lr", "0.5,a=0.1").err, "")
+        self.assertEqual(self.run_cli(*args, "--lr", "a=0.1,b=0.1").err, "")
+        self.put("scene.json", json.dumps({"shader": "b.salt", "minimize": True, "params": {"a": {"lr": 0.1}, "b": {"lr": 0.1}}, "optimizer": {"iters": 2, "lr": 0.3}}))
+        self.assertIn("--lr 0.5 changes nothing", self.run_cli("fit", "scene.json", "--lr", "0.5", "--samples", 64).err)
+        self.assertEqual(self.run_cli("fit", "scene.json", "--samples", 64).err, "")
+
     def test_same_bits_again(self):
         args = ["fit", "e.salt", "--target", "t.exr", "--iters", 6, "--seed", 4]
         runs = []
