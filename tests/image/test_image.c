@@ -462,6 +462,14 @@ static void plot(void **state) {
     assert_null(strstr(svg, "nan"));
     assert_null(strstr(svg, "inf"));
     free(svg);
+    /* a curve between 0.0016 and 0.06, as of a fit: more than the one power of ten is beside it */
+    double loss[2] = {0.06, 0.0016};
+    PlotSeries fit[1] = {{.x = x, .y = loss, .count = 2}};
+    svg = plot_svg(&(PlotOptions){.log_y = true}, fit, 1, &err);
+    assert_non_null(svg);
+    assert_non_null(strstr(svg, ">0.002<"));
+    assert_non_null(strstr(svg, ">0.05<"));
+    free(svg);
     double flat[2] = {3, 3}, zero[2] = {0, 0};
     PlotSeries odd[1] = {{.x = flat, .y = zero, .count = 2}};
     PlotOptions modes[3] = {
