@@ -116,6 +116,7 @@ struct Cli {
     bool kernels;
     const char *estimators;
     uint32_t repeats;
+    int against_evaluations; /* what the plot of bench has along its x axis; 0: seconds */
     double max_seconds, tolerance;
     /* explain */
     const char *at, *cells;

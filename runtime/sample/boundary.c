@@ -13,6 +13,7 @@ bool slt_estimate_by_differences(SltEstimator e) { return !estimators[e]; }
 
 void boundary_merge(Boundary *y, Worker *w) {
     if (w->sink.kind == SINK_FORWARD) splat_merge(&w->sink.splat, y->out, y->crossings);
+    else if (y->parts) parts_merge(y->parts, &w->acc, y->targets);
     else accum_merge(&w->acc, y->targets);
     run_collect(y->run, w);
 }

@@ -2,6 +2,7 @@
 #ifndef SALTUS_SAMPLE_BOUNDARY_H
 #define SALTUS_SAMPLE_BOUNDARY_H
 
+#include "runtime/sample/parts.h"
 #include "runtime/sample/run.h"
 
 typedef struct Boundary {
@@ -16,6 +17,7 @@ typedef struct Boundary {
     const float *adjoint;   /* SINK_REVERSE: an image */
     const Directions *dirs; /* SINK_FORWARD */
     uint32_t classes;       /* SINK_REVERSE: 1, or COSETS */
+    Parts *parts;           /* SINK_REVERSE: how the tiles of the classes spread; may be NULL */
     bool misses;            /* SINK_REVERSE: after those a target for what is missed (thin.h) */
     bool any_sign;          /* each crossing counts with a random sign */
 } Boundary;

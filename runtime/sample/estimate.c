@@ -120,6 +120,8 @@ SltStatus slt_estimate_forward(const SltScene *s, const SltJob *j, uint32_t ndir
 }
 
 /* ---- reverse */
+enum { PARTS_MOST = 1 << 12 }; /* parameters whose parts are looked at tile by tile */
+
 /* Adds the sums of n interleaved parts to total, and to variance that of the total as if the parts were independent:
  * they repel each other, so this is an upper bound. */
 static void combine(double *const *part, uint32_t n, double *total, double *variance, uint32_t nfloats) {
@@ -159,6 +161,7 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
     double *part[COSETS] = {0}, *missed = NULL;
     float *mean = NULL;
     Boundary of = {0};
+    Parts tiles = {0}, *parts = NULL;
     st = run_begin(&r, s, j, err);
     if (st != SLT_OK) {
         run_end(&r, stats);
@@ -172,15 +175,18 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
         memory &= (part[c] = alloc_zero(s->nfloats, sizeof **part)) != NULL;
     if (classes > 1) memory &= (missed = alloc_zero(s->nfloats, sizeof *missed)) != NULL;
     if (halves && !j->no_boundary) memory &= (mean = malloc(size * sizeof *mean)) != NULL;
+    if (classes > 1 && s->uses_rand && s->nfloats <= PARTS_MOST)
+        memory &= parts_init(&tiles, classes, s->nfloats), parts = &tiles;
+    double *spread = parts ? NULL : stderr_bound;
     memset(gradient, 0, s->nfloats * sizeof *gradient);
     if (stderr_bound) memset(stderr_bound, 0, s->nfloats * sizeof *stderr_bound);
     if (!memory) st = status_fail(err, SLT_LIMIT, "out of memory");
     double t = pool_now(), split = j->no_boundary || !s->kernel[SLT_K_REGION] ? 1 : j->no_interior ? 0 : 0.7;
     for (uint32_t h = 0; h < (halves ? 2u : 1u) && st == SLT_OK && !j->no_interior; h++) {
         r.pool.from = halves ? 0.5 * split * h : 0, r.pool.to = halves ? 0.5 * split * (h + 1) : split;
-        st = interior_reverse(&r, halves ? h + 1 : 0, adjoint[h], halves ? 0.5 : 1, classes, part);
+        st = interior_reverse(&r, halves ? h + 1 : 0, adjoint[h], halves ? 0.5 : 1, classes, part, parts);
     }
-    if (st == SLT_OK && classes > 1) combine(part, classes, gradient, stderr_bound, s->nfloats);
+    if (st == SLT_OK && classes > 1) combine(part, classes, gradient, spread, s->nfloats);
     r.stats.seconds_interior = pool_now() - t, t = pool_now();
     r.pool.from = split, r.pool.to = 1;
     if (st == SLT_OK && !j->no_boundary) {
@@ -196,18 +202,20 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
                       .adjoint = halves ? mean : adjoint[0],
                       .classes = own,
                       .misses = classes > 1,
+                      .parts = parts,
                       .targets = targets};
         st = boundary_run(&y, SINK_REVERSE);
-        if (st == SLT_OK && classes > 1) combine(part, own, gradient, stderr_bound, s->nfloats);
-        of = y, of.classes = classes;
+        if (st == SLT_OK && classes > 1) combine(part, own, gradient, spread, s->nfloats);
+        of = y, of.classes = classes, of.parts = NULL;
     }
+    for (uint32_t p = 0; p < s->nfloats && parts && memory; p++) stderr_bound[p] = parts_variance(parts, p);
     for (uint32_t p = 0; p < s->nfloats && stderr_bound && missed; p++)
         stderr_bound[p] = sqrt(stderr_bound[p]) + fabs(missed[p]);
     if (st == SLT_OK && !j->no_boundary) st = lost_add(&r, &of, 1, stderr_bound);
     r.stats.seconds_boundary = pool_now() - t;
     mask_inactive(s, gradient), mask_inactive(s, stderr_bound);
     for (uint32_t c = 0; c < classes && classes > 1; c++) free(part[c]);
-    free(mean), free(missed);
+    free(mean), free(missed), parts_free(&tiles);
     run_end(&r, stats);
     return st;
 }

@@ -2,6 +2,7 @@
 #ifndef SALTUS_SAMPLE_INTERIOR_H
 #define SALTUS_SAMPLE_INTERIOR_H
 
+#include "runtime/sample/parts.h"
 #include "runtime/sample/run.h"
 #include "runtime/sample/tails.h"
 
@@ -18,6 +19,7 @@ typedef struct Interior {
     double factor;          /* of every seed */
     uint32_t classes;       /* 1, or COSETS */
     double *const *targets; /* sums [nfloats], by class */
+    Parts *parts;           /* how they spread by tile; may be NULL */
     /* interior_forward */
     const Directions *dirs;
     float *const *out; /* images, by direction */
@@ -25,7 +27,7 @@ typedef struct Interior {
 /* half 0: all samples of a pixel; 1 or 2: one of the two halves. */
 SltStatus interior_image(Run *r, uint32_t half, float *image);
 SltStatus interior_reverse(Run *r, uint32_t half, const float *adjoint, double factor, uint32_t classes,
-                           double *const *targets);
+                           double *const *targets, Parts *parts);
 SltStatus interior_forward(Run *r, const Directions *d, float *const *out);
 /* The integral over the domain by one replicate of so many samples: value[channels]; gradient[channels][nfloats] when
  * not NULL, whose samples join `tails` when that is not NULL. */

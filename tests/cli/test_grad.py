@@ -524,6 +524,9 @@ class Bench(Case):
         self.assertIn("saltus: out/bench.csv, .json and .svg\n", self.run_cli(*bench, "-o", "out").err)
         self.assertEqual(self.run_cli(*bench, "-o", "out", "--quiet").err, "")
         self.assertIn(".svg", self.run_cli(*bench, "-o", "x.png", code=2).err)
+        self.assertIn(b">seconds<", self.get("x.svg"))
+        self.run_cli(*bench, "--against", "evaluations", "-o", "x.svg")
+        self.assertIn(b">evaluations<", self.get("x.svg"))
         self.run_cli("bench", "c.salt", "--kernels", "-o", "x.csv", code=2)
         self.assertEqual(sorted(os.listdir(self.dir)), ["c.salt", "cache", "out", "x.csv", "x.json", "x.svg"])
 

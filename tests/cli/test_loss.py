@@ -1,4 +1,7 @@
 """saltus fit with a loss from another program: the framing, the derivative, and every way in which the program can fail."""
+import math
+import statistics
+
 from harness import *
 
 EDGE = """
@@ -201,6 +204,30 @@ class Loss(Case):
     def test_time_limit(self):
         r = self.fit("--iters", 9, "--max-seconds", 10, "-o", "p.json", mode="hang", when=2, code=6)
         self.assertTrue(os.path.exists(self.path("p.json")), r.err)
+
+
+class Chance(Case):
+    """Derivatives of weighted images of shaders that call rand(): bars are as wide as the errors want, and hardly a matter of chance themselves."""
+
+    def test_bars(self):
+        for name, body in {
+            "number 0": "length(x - float2(0.013, 0.027)) < r + 0.1 * rand()",
+            "number 0 along an edge": "x.x + 0.3 * rand() < r",
+            "a product": "length(x - float2(0.013, 0.027)) < r + 0.2 * rand() * rand()",
+        }.items():
+            with self.subTest(name):
+                self.put("p.salt", "param float r = 0.4;\n[Domain(-1.0, 1.0)] shader float main(float2 x) { float f = 0.0; [Disc] if (%s) f = 1.0; return f; }" % body)
+                adjoint = [1 + 0.5 * math.cos(0.31 * i + 0.17 * (63 - j)) for j in range(64) for i in range(64)]
+                self.put("a.npy", write_npy((64, 64, 1), adjoint))
+                run = lambda seed, *spp: self.json_cli("grad", "p.salt", "--adjoint", "a.npy", "--size", 64, "--seed", seed, "--quiet", *spp)
+                truth = statistics.fmean(run(1000 + s, "--spp", 256)["gradient"]["r"] for s in range(4))
+                runs = [run(s) for s in range(1, 25)]
+                off = [abs(j["gradient"]["r"] - truth) for j in runs]
+                bars = sorted(j["stderr"]["r"] for j in runs)
+                rms = math.sqrt(statistics.fmean(o * o for o in off))
+                self.assertLess(bars[12], (4.5 if "edge" in name else 2.5) * rms)
+                self.assertLess(bars[20], 1.5 * bars[4])
+                self.assertLessEqual(sum(o > 2 * j["stderr"]["r"] for o, j in zip(off, runs)), 2)
 
 
 class Grids(Case):
