@@ -218,6 +218,8 @@ static SltStatus next_round(Fit *f, const Round **then, SltFit **fit, SltError *
     SltStatus status = fit_change(f, *then, err);
     bool begun = false;
     if (status == SLT_OK) {
+        f->round_ends = cli_need(realloc(f->round_ends, (f->round + 1) * sizeof *f->round_ends));
+        f->round_ends[f->round] = f->result.iterations;
         f->round++;
         status = begin(f, fit_round(f, then), fit, err);
         begun = status == SLT_OK;
@@ -327,6 +329,7 @@ int verb_fit(Cli *c) {
     free(f.smooth);
     free(f.result.losses);
     free(f.slopes);
+    free(f.round_ends);
     free(f.kept);
     slt_program_free(f.p);
     for (uint32_t k = 0; k < f.nentries; k++) slt_program_free(f.entries[k]);
