@@ -93,6 +93,9 @@ void scene_free(Scene *scene);
 char *scene_keep(Scene *s, char *text); /* gives text (malloc'd) to the scene; returns it */
 bool scene_is(const char *file);        /* is the file a scene, by its extension? */
 
+/* fit_seeds.c: calls `once` by each of the seeds, and reports on the losses. */
+int fit_seeds(Cli *c, int (*once)(Cli *c, double *loss));
+
 /* fit.c: what the options and the scene say is optimised. */
 SltStatus fit_choose_wrt(Fit *f, SltError *err);
 
