@@ -70,8 +70,23 @@ static void find_range(Axis *a, const PlotSeries *series, int count, bool y) {
     a->hi += span * 0.04;
 }
 
+/* 1, 2 and 5 times each power of ten: where there are too few of these to read values by. */
+static void make_log_ticks(Axis *a) {
+    static const double steps[] = {1, 2, 5};
+    a->decade_step = 0;
+    for (int d = (int)floor(a->lo); d <= (int)floor(a->hi); d++)
+        for (int i = 0; i < 3; i++) {
+            double u = d + log10(steps[i]);
+            if (u >= a->lo && u <= a->hi) a->ticks[a->tick_count++] = u;
+        }
+}
+
 static void make_ticks(Axis *a, int wanted) {
     a->tick_count = 0;
+    if (a->log && a->hi - a->lo >= 0.999 && floor(a->hi) - ceil(a->lo) < 2) {
+        make_log_ticks(a);
+        return;
+    }
     if (a->log && a->hi - a->lo >= 0.999) {
         int first = (int)ceil(a->lo), last = (int)floor(a->hi);
         a->decade_step = (last - first) / wanted + 1;
