@@ -318,20 +318,21 @@ static void least_of_value(const Run *r, double *value_stderr) {
 /* Lines and samples, as many as the job says. */
 static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err) {
     Run r;
+    bool gradient = wants_gradient(out);
     Replicates k = {.n = j->replicates  ? j->replicates
                          : s->uses_rand ? 8
                                         : 4,
-                    .size = (uint64_t)s->channels * s->nfloats};
-    bool gradient = wants_gradient(out);
+                    .size = gradient ? (uint64_t)s->channels * s->nfloats : 0};
     Tails tails = {0};
     SltStatus st = run_begin(&r, s, j, err);
     if (st == SLT_OK && gradient && out->gradient_stderr && !tails_init(&tails, s))
         st = status_fail(err, SLT_LIMIT, "out of memory");
     if (st == SLT_OK) {
         k.value = alloc_zero(k.n * (size_t)s->channels, sizeof(double));
-        k.interior = alloc_zero(k.n * k.size, sizeof(double)), k.boundary = alloc_zero(k.n * k.size, sizeof(double));
-        k.missed = alloc_zero(k.n * k.size, sizeof(double));
-        k.half = alloc_zero(k.size, sizeof(double));
+        k.interior = alloc_zero(k.n * k.size + 1, sizeof(double)),
+        k.boundary = alloc_zero(k.n * k.size + 1, sizeof(double));
+        k.missed = alloc_zero(k.n * k.size + 1, sizeof(double));
+        k.half = alloc_zero(k.size + 1, sizeof(double));
         if (boundary_in_order(&r) && gradient && !(k.sketch = alloc_zero(SKETCHES * k.size, sizeof(double))))
             st = status_fail(err, SLT_LIMIT, "out of memory");
         r.met = s->met;
@@ -366,7 +367,7 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         r.stats.seconds_boundary += pool_now() - t;
     }
     if (st == SLT_OK) {
-        for (uint64_t row = 0; row < (uint64_t)k.n * s->channels; row++) {
+        for (uint64_t row = 0; gradient && row < (uint64_t)k.n * s->channels; row++) {
             mask_inactive(s, k.interior + row * s->nfloats), mask_inactive(s, k.boundary + row * s->nfloats);
             mask_inactive(s, k.missed + row * s->nfloats);
         }
