@@ -10,6 +10,7 @@
 #include "runtime/sample/boundary.h"
 #include "runtime/sample/depth.h"
 #include "runtime/sample/interior.h"
+#include "runtime/sample/onesided.h"
 
 const char *const slt_drop_names[SLT_DROP_REASONS] = {"zero_gradient", "not_finite", "inconsistent", "no_event",
                                                       "no_root",       "static",     "depth",        "coincident"};
@@ -317,20 +318,21 @@ static void least_of_value(const Run *r, double *value_stderr) {
 /* Lines and samples, as many as the job says. */
 static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err) {
     Run r;
+    bool gradient = wants_gradient(out);
     Replicates k = {.n = j->replicates  ? j->replicates
                          : s->uses_rand ? 8
                                         : 4,
-                    .size = (uint64_t)s->channels * s->nfloats};
-    bool gradient = wants_gradient(out);
+                    .size = gradient ? (uint64_t)s->channels * s->nfloats : 0};
     Tails tails = {0};
     SltStatus st = run_begin(&r, s, j, err);
     if (st == SLT_OK && gradient && out->gradient_stderr && !tails_init(&tails, s))
         st = status_fail(err, SLT_LIMIT, "out of memory");
     if (st == SLT_OK) {
         k.value = alloc_zero(k.n * (size_t)s->channels, sizeof(double));
-        k.interior = alloc_zero(k.n * k.size, sizeof(double)), k.boundary = alloc_zero(k.n * k.size, sizeof(double));
-        k.missed = alloc_zero(k.n * k.size, sizeof(double));
-        k.half = alloc_zero(k.size, sizeof(double));
+        k.interior = alloc_zero(k.n * k.size + 1, sizeof(double)),
+        k.boundary = alloc_zero(k.n * k.size + 1, sizeof(double));
+        k.missed = alloc_zero(k.n * k.size + 1, sizeof(double));
+        k.half = alloc_zero(k.size + 1, sizeof(double));
         if (boundary_in_order(&r) && gradient && !(k.sketch = alloc_zero(SKETCHES * k.size, sizeof(double))))
             st = status_fail(err, SLT_LIMIT, "out of memory");
         r.met = s->met;
@@ -365,7 +367,7 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         r.stats.seconds_boundary += pool_now() - t;
     }
     if (st == SLT_OK) {
-        for (uint64_t row = 0; row < (uint64_t)k.n * s->channels; row++) {
+        for (uint64_t row = 0; gradient && row < (uint64_t)k.n * s->channels; row++) {
             mask_inactive(s, k.interior + row * s->nfloats), mask_inactive(s, k.boundary + row * s->nfloats);
             mask_inactive(s, k.missed + row * s->nfloats);
         }
@@ -514,25 +516,37 @@ SltStatus slt_estimate_sampled(const SltScene *s, const SltJob *job, SltIntegral
     return st;
 }
 
-SltStatus slt_estimate_integral(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats,
-                                SltError *err) {
-    SltJob copy = *job, own;
-    copy.integral = true;
-    bool choice = copy.estimator == SLT_EST_AUTO;
-    for (uint64_t i = 0; i < (uint64_t)s->channels * s->nfloats && out->left_bound; i++)
-        out->left_bound[i] = NAN; /* cells prove more */
-    if (slt_estimate_by_differences(copy.estimator)) return difference_integral(s, &copy, out, stats, err);
-    bool turned = false;
-    const SltJob *j = settle(s, &copy, &own, stats);
-    if (j->estimator == SLT_EST_QUADRATURE) {
+/* by: whose answer it is. */
+static SltStatus integral_once(const SltScene *s, const SltJob *job, SltIntegral *out, SltEstimator *by,
+                               SltStats *stats, SltError *err) {
+    SltJob own;
+    bool choice = job->estimator == SLT_EST_AUTO, turned = false;
+    const SltJob *j = settle(s, job, &own, stats);
+    *by = j->estimator;
+    if (*by == SLT_EST_QUADRATURE) {
         SltStatus done = quadrature_integral(s, j, out, choice ? &turned : NULL, stats, err);
         if (!turned) {
             if (s->met) s->met[s->nsites] = 0; /* what lines have met in cells is no matter */
             return done;
         }
-        own.estimator = SLT_EST_LATTICE;
+        *by = own.estimator = SLT_EST_LATTICE;
     }
     return slt_estimate_sampled(s, j, out, stats, err);
+}
+
+SltStatus slt_estimate_integral(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats,
+                                SltError *err) {
+    SltJob copy = *job;
+    SltStats own = SLT_STATS_INIT;
+    SltEstimator by;
+    copy.integral = true;
+    for (uint64_t i = 0; i < (uint64_t)s->channels * s->nfloats && out->left_bound; i++)
+        out->left_bound[i] = NAN; /* cells prove more */
+    if (slt_estimate_by_differences(copy.estimator)) return difference_integral(s, &copy, out, stats, err);
+    SltStatus st = integral_once(s, &copy, out, &by, &own, err);
+    if (st == SLT_OK) st = onesided_add(s, &copy, by, out, &own, err);
+    stats_add(stats, &own);
+    return st;
 }
 
 /* ---- one segment */

@@ -126,6 +126,28 @@ class Hidden(Case):
                         self.assertLess(abs(j["gradient"][name] - want), 3 * j["stderr"][name] + 1e-5, name)
                         self.assertLess(j["stderr"][name], 0.02)
 
+    def test_double_roots(self):
+        """|g| falls like a square where two of its roots are near to each other: the lines through it meet halfway between two
+        vertices, wherever these are. All to b, or stated; and where it stands as a square, known as well as |u| < b."""
+        square = (("float d = length(x) - r; [Disc] if (d * d < b * b) f = 1.0;", 0.8 * math.pi * 2), ("float d = x.x - r; [Disc] if (d * d - b * b > 0.0) f = 1.0;", -4))
+        others = (("float d = length(x) - r; [Disc] if ((d - b) * (d + b) < 0.0) f = 1.0;", 0.8 * math.pi * 2),
+                  ("float d = x.x + 0.3 * x.y - r; [Disc] if (d * d * (1.0 + 0.1 * d) < b * b) f = 1.0;", 4))
+        for body, truth in square + others:
+            for width in (1e-3, 1e-4, 1e-5, 1e-6):
+                for precision in "f32", "f64":
+                    for estimator in "quadrature", "lattice":
+                        if precision == "f32" and width < 1e-5: # a dozen floats
+                            continue
+                        if estimator == "lattice" and width < 1e-4 and (body, truth) not in square: # the place where they meet is known no better
+                            continue
+                        with self.subTest(body=body, width=width, precision=precision, estimator=estimator):
+                            self.put("d.salt", "param float r = 0.4; param float b = %r; [Domain(-1.0, 1.0)] shader float main(float2 x) { float f = 0.0; %s return f; }" % (width, body))
+                            j = self.json_cli("grad", "d.salt", "--integral", "--estimator", estimator, "--precision", precision, "--samples", "2^16")
+                            got, error = j["gradient"]["b"], j["stderr"]["b"]
+                            self.assertLess(abs(got - truth), 4 * error + 1e-5 * abs(truth))
+                            if (body, truth) in square:
+                                self.assertLess(error, 0.02 * abs(truth))
+
 
 if __name__ == "__main__":
     unittest.main()
