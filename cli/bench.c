@@ -260,11 +260,15 @@ static char *make_svg(Bench *b) {
     for (int e = 0; e < SLT_ESTIMATORS; e++) {
         Curve *k = &b->curves[e];
         if (!k->n) continue;
-        for (int i = 0; i < k->n; i++) x[e][i] = k->at[i].seconds, y[e][i] = k->at[i].error;
+        for (int i = 0; i < k->n; i++) {
+            x[e][i] = b->c->against_evaluations ? k->at[i].evaluations : k->at[i].seconds;
+            y[e][i] = k->at[i].error;
+        }
         series[n++] = (PlotSeries){.name = k->name, .x = x[e], .y = y[e], .count = k->n};
     }
-    PlotOptions plot = {.title = "Error of the gradient against run time",
-                        .x_label = "seconds",
+    PlotOptions plot = {.title = b->c->against_evaluations ? "Error of the gradient against evaluations"
+                                                           : "Error of the gradient against run time",
+                        .x_label = b->c->against_evaluations ? "evaluations" : "seconds",
                         .y_label = "relative RMSE",
                         .log_x = true,
                         .log_y = true};

@@ -95,6 +95,7 @@ struct Cli {
     uint32_t every;
     Assign lr[CLI_MAX_LIST], smooth[CLI_MAX_LIST]; /* name NULL: for all parameters */
     uint32_t nlr, nsmooth;
+    const char *plain_lr;       /* of the command line, for all parameters */
     SltSet faces[CLI_MAX_LIST]; /* of --smooth-faces */
     uint32_t nfaces;
     const char *loss;           /* of CLI_LOSSES; NULL: the scene's, or l2 */
@@ -106,13 +107,17 @@ struct Cli {
     const char *loss_entry; /* a function of the shader */
     double huber_delta;     /* 0: the default */
     const char *loss_command;
-    bool allow_commands; /* of scenes */
+    bool allow_commands;            /* of scenes */
+    uint32_t first_seed, last_seed; /* of --seeds; 0: not given */
+    const char *round_command;
+    uint32_t round_iters; /* 0: no rounds, or the scene's */
     double loss_timeout;
     bool loss_timeout_given;
     /* bench */
     bool kernels;
     const char *estimators;
     uint32_t repeats;
+    int against_evaluations; /* what the plot of bench has along its x axis; 0: seconds */
     double max_seconds, tolerance;
     /* explain */
     const char *at, *cells;
@@ -188,7 +193,7 @@ SltStatus watch_status(SltStatus status); /* SLT_LIMIT in place of SLT_INTERRUPT
 void watch_effort(double seconds);
 bool watch_spent(void);     /* and that was why a call was interrupted */
 bool cli_interrupted(void); /* by a signal */
-void loss_abandon(void);    /* loss.c: the process is about to end: so does the loss program */
+void child_abandon(void);   /* child.c: the process is about to end: so do the programs that it started */
 
 /* effort.c: slt_grad_integral within a quarter of a minute unless an option says how much is to be done: with fewer
  * lines, which is said, or at last *without the boundary. */

@@ -289,50 +289,63 @@ static bool is_unread(const Cli *c, const SltProgram *p, const char *name) {
     return true;
 }
 
-int cli_compile(Cli *c, SltProgram **out) {
-    SltProgram *p = NULL;
+/* Compiles what the command line names; lengths: of open arrays, SltOptions. */
+static SltStatus compile(Cli *c, const char *lengths, SltProgram **out) {
     SltStatus status;
-    *out = NULL;
     if (c->size_given) c->opt.size[0] = c->job.size[0], c->opt.size[1] = c->job.size[1];
+    c->opt.lengths = lengths;
     if (c->expr) {
-        status = compile_expr(c, &p);
+        status = compile_expr(c, out);
     } else if (!strcmp(c->file, "-")) {
         char *text = read_stdin(); /* which has no extension */
         if (c->opt.language == SLT_LANGUAGE_AUTO && api_looks_like_glsl(text)) c->opt.language = SLT_LANGUAGE_GLSL;
-        status = slt_compile_string(text, "-", &c->opt, &p);
+        status = slt_compile_string(text, "-", &c->opt, out);
         free(text);
     } else {
-        status = slt_compile_file(c->file, &c->opt, &p);
+        status = slt_compile_file(c->file, &c->opt, out);
     }
-    *out = p;
-    cli_need(p);
+    c->opt.lengths = NULL;
+    cli_need(*out);
+    return status;
+}
+
+/* The values of --params, which no values were if they could not be read: `read` says so behind the errors of the
+ * program itself. */
+static SltStatus set_values(Cli *c, SltProgram *p, const char *values, const SltError *read, SltError *err) {
+    SltStatus status = read->status;
+    if (status != SLT_OK) *err = *read;
+    else if (values) status = slt_set_params_json(p, values, c->params_file, err);
+    for (uint32_t i = 0; i < c->nparams && status == SLT_OK; i++)
+        if (!is_unread(c, p, c->params[i].name)) status = slt_set_text(p, c->params[i].name, c->params[i].value, err);
+    return status;
+}
+
+int cli_compile(Cli *c, SltProgram **out) {
+    SltError err = {0}, read = {0};
+    uint8_t *values = NULL;
+    size_t size;
+    if (c->params_file) file_read_all(c->params_file, &file_text, &values, &size, &read);
+    *out = NULL;
+    SltStatus status = compile(c, (const char *)values, out);
+    SltProgram *p = *out;
     if (c->verb->bit == RENDER) cli_forget_derivatives(p);
     bool told = slt_diagnostic_count(p) > 0;
     if (told && !(c->quiet && status == SLT_OK)) cli_tell(c, p);
     c->told = slt_diagnostic_count(p);
-    if (status == SLT_STOPPED) return status;
     if (status != SLT_OK) {
+        free(values);
         bool listed = told && p->session->nerrors && status != SLT_LIMIT;
-        if (!listed) cli_error(status, "%s", slt_last_error(p));
         /* A file that cannot be opened has no diagnostics: the library's last error says so. */
+        if (!listed && status != SLT_STOPPED) cli_error(status, "%s", slt_last_error(p));
         return status;
     }
-    SltError err = {0};
     status = (SltStatus)refuse_sources(c, p);
-    if (status != SLT_OK) return status;
-    slt_set_print(p, on_print, NULL, NULL);
-    if (c->params_file) {
-        uint8_t *bytes;
-        size_t size;
-        if (file_read_all(c->params_file, &file_text, &bytes, &size, &err) != SLT_OK) return cli_fail(c, &err);
-        status = slt_set_params_json(p, (const char *)bytes, c->params_file, &err);
-        free(bytes);
-        if (status != SLT_OK) return cli_fail(c, &err);
-    }
-    for (uint32_t i = 0; i < c->nparams; i++)
-        if (!is_unread(c, p, c->params[i].name) &&
-            slt_set_text(p, c->params[i].name, c->params[i].value, &err) != SLT_OK)
-            return cli_fail(c, &err);
+    if (status == SLT_OK) slt_set_print(p, on_print, NULL, NULL);
+    bool refused = status != SLT_OK;
+    if (!refused) status = set_values(c, p, (const char *)values, &read, &err);
+    free(values);
+    if (refused) return status;
+    if (status != SLT_OK) return cli_fail(c, &err);
     warn_not_finite(c, p);
     if (c->nparams || c->params_file) session_protect(p->session, warn_of_ranges, p);
     if (!c->quiet) cli_tell(c, p);

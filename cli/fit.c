@@ -1,8 +1,10 @@
 /* saltus fit: parameters that make the image match its targets, or that minimise the integral. The fit itself is the
- * library's (saltus/fit.h); here are its options and the pipe to a loss program. */
+ * library's (saltus/fit.h); here are its options, its rounds and the pipe to a loss program. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "bindings/c/api.h"
 #include "cli/fit.h"
 /* ---- set-up */
 static bool on_command_line(const Cli *c, const char *name) {
@@ -17,12 +19,28 @@ static int fail_scene(Fit *f, SltError *err) {
     return cli_fail(f->c, err);
 }
 
-static int apply_scene_params(Fit *f) {
-    SltError err = {0};
+/* Where a parameter has "grad": true, those that have it are optimised; else all but those with false. The command line
+ * wins. */
+SltStatus fit_choose_wrt(Fit *f, SltError *err) {
+    const Scene *s = &f->scene;
     const char *names[CLI_MAX_LIST];
     uint32_t nnames = 0;
-    bool any_grad = false;
-    for (uint32_t k = 0; k < f->scene.nparams; k++) any_grad |= f->scene.params[k].grad == 1;
+    if (f->c->nwrt) return slt_wrt(f->p, f->c->wrt, f->c->nwrt, err);
+    for (uint32_t k = 0; k < s->nparams; k++)
+        if (s->params[k].grad == 1 && nnames < CLI_MAX_LIST) names[nnames++] = s->params[k].name;
+    bool any_grad = nnames > 0;
+    for (uint32_t i = 0; i < slt_param_count(f->p) && !any_grad; i++) {
+        SltParam q = SLT_PARAM_INIT;
+        slt_param(f->p, i, &q);
+        bool off = !q.differentiable || !q.fcount;
+        for (uint32_t k = 0; k < s->nparams; k++) off |= s->params[k].grad == 0 && !strcmp(s->params[k].name, q.name);
+        if (!off && nnames < CLI_MAX_LIST) names[nnames++] = q.name;
+    }
+    return s->nparams && nnames ? slt_wrt(f->p, names, nnames, err) : SLT_OK;
+}
+
+static int apply_scene_params(Fit *f) {
+    SltError err = {0};
     for (uint32_t k = 0; k < f->scene.nparams; k++) {
         FitParam *q = &f->scene.params[k];
         SltParam found = SLT_PARAM_INIT;
@@ -39,21 +57,26 @@ static int apply_scene_params(Fit *f) {
             free(at);
             if (status != SLT_OK) return cli_fail(f->c, &err);
         }
-        if (q->grad == 1 && nnames < CLI_MAX_LIST) names[nnames++] = q->name;
     }
-    /* Where a parameter has "grad": true, those that have it are optimised; else all but those with false. */
-    if (f->c->nwrt) return SLT_OK;
-    if (!any_grad)
-        for (uint32_t i = 0; i < slt_param_count(f->p); i++) {
-            SltParam q = SLT_PARAM_INIT;
-            slt_param(f->p, i, &q);
-            bool off = !q.differentiable || !q.fcount;
-            for (uint32_t k = 0; k < f->scene.nparams; k++)
-                off |= f->scene.params[k].grad == 0 && !strcmp(f->scene.params[k].name, q.name);
-            if (!off && nnames < CLI_MAX_LIST) names[nnames++] = q.name;
-        }
-    if (f->scene.nparams && nnames && slt_wrt(f->p, names, nnames, &err) != SLT_OK) return fail_scene(f, &err);
-    return SLT_OK;
+    return f->c->nwrt || fit_choose_wrt(f, &err) == SLT_OK ? SLT_OK : fail_scene(f, &err);
+}
+
+/* A rate for all, typed by somebody who wants it to change something, where every parameter has one of its own. */
+static void warn_of_rate(const Fit *f) {
+    uint32_t n = slt_float_count(f->p), open = 0;
+    uint8_t *own = cli_need(calloc(n + 1, 1));
+    for (uint32_t k = 0; k < f->opt.nrates; k++) {
+        ParamPattern named;
+        SltError ignored;
+        if (f->rates[k].name && api_find_pattern(f->p, f->rates[k].name, NULL, &named, &ignored) == SLT_OK)
+            program_mark(&named, own);
+    }
+    for (uint32_t i = 0; i < n; i++) open += slt_wrt_mask(f->p)[i] && !own[i];
+    free(own);
+    if (!open && n)
+        cli_say(CLI_WARNING, "rate", NULL,
+                "--lr %s changes nothing: every parameter has a rate of its own, which `--lr P=%s` changes",
+                f->c->plain_lr, f->c->plain_lr);
 }
 
 /* From the general to the particular: a rate for all, the scene's, the command line's by name. */
@@ -76,6 +99,7 @@ static int collect_numbers(Fit *f) {
     }
     for (uint32_t k = 0; k < c->nlr; k++)
         if (c->lr[k].name) f->rates[o->nrates++] = (SltFitNumber){c->lr[k].name, strtod(c->lr[k].value, NULL)};
+    if (c->plain_lr && !c->quiet) warn_of_rate(f);
     for (uint32_t k = 0; k < c->nsmooth; k++) {
         if (!c->smooth[k].name) return cli_usage(c, "--smooth wants P=LAMBDA");
         f->smooth[o->nsmooth++] = (SltFitNumber){c->smooth[k].name, strtod(c->smooth[k].value, NULL)};
@@ -116,6 +140,7 @@ static bool iterated(void *user, const SltFitIteration *at) {
     Fit *f = user;
     uint32_t iters = f->c->iters;
     f->done = at->iteration;
+    for (uint32_t i = 0; f->slopes && i < at->count; i++) f->slopes[at->index[i]] += fabs(at->gradient[i]);
     char detail[96];
     snprintf(detail, sizeof detail, "iteration %u of %u, loss %.6g", at->iteration, iters, at->loss);
     progress_update(&f->progress, (double)at->iteration / iters, detail);
@@ -139,16 +164,102 @@ static bool has_outcome(const Fit *f, SltStatus status) {
     return status == SLT_OK || status == SLT_INTERRUPTED || status == SLT_CHECK_FAILED || status == SLT_LIMIT;
 }
 
+/* What a round adds to the result of all. */
+static void add_result(Fit *f, SltFitResult *r) {
+    SltFitResult *all = &f->result;
+    uint32_t n = all->iterations;
+    if (!n) all->initial_loss = r->initial_loss;
+    if (r->iterations || !n) all->loss = r->loss;
+    all->losses = cli_need(realloc(all->losses, (n + r->iterations + 1) * sizeof *all->losses));
+    if (r->iterations) memcpy(all->losses + n, r->losses, r->iterations * sizeof *r->losses);
+    all->iterations += r->iterations;
+    all->stop = r->stop;
+    memcpy(all->reason, r->reason, sizeof all->reason);
+    free(r->losses);
+}
+
+static SltStatus begin(Fit *f, uint32_t iterations, SltFit **fit, SltError *err) {
+    const Cli *c = f->c;
+    f->opt.iterations = iterations, f->opt.first = f->first, f->opt.planned = c->iters;
+    /* Of what is left, for all rounds. */
+    if (f->round && c->max_seconds > 0) f->c->job.time_limit = fmax(f->start + c->max_seconds - cli_now(), 1e-3);
+    if (f->scene.nrounds) f->slopes = cli_need(realloc(f->slopes, (slt_float_count(f->p) + 1) * sizeof *f->slopes));
+    if (f->scene.nrounds) memset(f->slopes, 0, (slt_float_count(f->p) + 1) * sizeof *f->slopes);
+    return slt_fit_begin(f->p, &f->opt, fit, err);
+}
+
+/* One round, of a fit without a program between rounds the only one. */
+static SltStatus run_round(Fit *f, SltFit *fit, bool pictures, SltError *err) {
+    SltFitResult r = SLT_FIT_RESULT_INIT;
+    SltFitStop stop = SLT_FIT_RUNNING;
+    SltError end_err = {0};
+    SltStatus status = SLT_OK;
+    if (pictures && !f->round && !f->c->resume) status = fit_take_pictures(f, fit, err);
+    while (status == SLT_OK && stop == SLT_FIT_RUNNING) {
+        status = slt_fit_step(fit, &stop, err);
+        if (status == SLT_OK && pictures) status = fit_take_pictures(f, fit, err);
+    }
+    bool any = !f->round || f->done > f->first;
+    if (f->best && any && fit_take_best(f, fit, &end_err) != SLT_OK && status == SLT_OK)
+        status = end_err.status, *err = end_err;
+    SltStatus ended = slt_fit_end(fit, &r, &end_err);
+    add_result(f, &r);
+    f->first += r.stop == SLT_FIT_CONVERGED ? f->opt.iterations : r.iterations; /* that round is over */
+    for (uint32_t i = 0; f->slopes && r.iterations && i < slt_float_count(f->p); i++) f->slopes[i] /= r.iterations;
+    if (!any) fit_revert(f);
+    /* A fit that ends at its time limit, with a result, is no error. */
+    bool limited = stop == SLT_FIT_INTERRUPTED || (stop == SLT_FIT_TIME_LIMIT && f->result.iterations);
+    if (status != SLT_OK && limited) err->text[0] = 0;
+    if (ended != SLT_OK) status = ended, *err = end_err;
+    return status;
+}
+/* The program between two rounds, and the next round's beginning; whatever fails leaves what the last round made. */
+static SltStatus next_round(Fit *f, const Round **then, SltFit **fit, SltError *err) {
+    SltStatus status = fit_change(f, *then, err);
+    bool begun = false;
+    if (status == SLT_OK) {
+        f->round_ends = cli_need(realloc(f->round_ends, (f->round + 1) * sizeof *f->round_ends));
+        f->round_ends[f->round] = f->result.iterations;
+        f->round++;
+        status = begin(f, fit_round(f, then), fit, err);
+        begun = status == SLT_OK;
+        if (!begun && status != SLT_LIMIT) status = err->status = SLT_CHECK_FAILED;
+    }
+    if (begun) return SLT_OK;
+    bool late = f->c->max_seconds > 0 && cli_now() > f->start + f->c->max_seconds;
+    f->result.stop = status == SLT_INTERRUPTED     ? SLT_FIT_INTERRUPTED
+                     : status == SLT_LIMIT && late ? SLT_FIT_TIME_LIMIT
+                                                   : SLT_FIT_FAILED;
+    if (f->result.stop != SLT_FIT_FAILED) err->text[0] = 0; /* there is a result */
+    fit_revert(f);
+    return status;
+}
+
+static SltStatus run_rounds(Fit *f, SltFit *fit, const Round *then, bool pictures, SltError *err) {
+    SltError end_err = {0};
+    SltStatus status = run_round(f, fit, pictures, err);
+    while (status == SLT_OK && then && f->result.stop != SLT_FIT_STOPPED) {
+        status = next_round(f, &then, &fit, err);
+        if (status == SLT_OK) status = run_round(f, fit, pictures, err);
+    }
+    if (pictures && f->c->frames && fit_end_frames(f, &end_err) != SLT_OK && status == SLT_OK)
+        status = end_err.status, *err = end_err;
+    return status;
+}
+
 static int run(Fit *f) {
     Cli *c = f->c;
     SltFit *fit;
-    SltError err = {0}, end_err = {0};
-    SltFitStop stop = SLT_FIT_RUNNING;
+    SltError err = {0};
+    const Round *then;
     SltStatus status = fit_wants_folder(c) ? fit_check_folder(f, &err) : SLT_OK; /* now, and not after hours */
     bool pictures = fit_wants_folder(c) && !c->minimize;
     if (c->frames && !pictures) return cli_usage(c, "--frames wants views, and a folder behind -o");
+    if (f->scene.nrounds && (c->checkpoint || c->resume))
+        return cli_usage(c, "a fit in rounds has no checkpoints: it cannot be resumed");
     if (status == SLT_OK && pictures) status = fit_create_pictures(f, &err);
-    if (status == SLT_OK) status = slt_fit_begin(f->p, &f->opt, &fit, &err);
+    if (pictures || f->scene.nrounds) fit_create_best(f);
+    if (status == SLT_OK) status = begin(f, fit_round(f, &then), &fit, &err);
     if (status != SLT_OK) return report(f, &err);
     f->start = cli_now();
     /* The loss program may run in another folder than the command. */
@@ -159,20 +270,12 @@ static int run(Fit *f) {
         return report(f, &err);
     }
     progress_begin(&f->progress, c, "fit");
-    if (pictures && !c->resume) status = fit_take_pictures(f, fit, &err);
-    while (status == SLT_OK && stop == SLT_FIT_RUNNING) {
-        status = slt_fit_step(fit, &stop, &err);
-        if (status == SLT_OK && pictures) status = fit_take_pictures(f, fit, &err);
-    }
-    if (pictures && fit_take_best(f, fit, &end_err) != SLT_OK && status == SLT_OK)
-        status = end_err.status, err = end_err;
+    status = run_rounds(f, fit, then, pictures, &err);
+    if (c->first_seed && status == SLT_OK) return loss_stop(f->loss), SLT_OK; /* more are to come */
     progress_end(&f->progress);
     loss_stop(f->loss);
-    SltStatus ended = slt_fit_end(fit, &f->result, &end_err);
-    /* A fit that ends at its time limit, with a result, is no error. */
-    if (status != SLT_OK && stop != SLT_FIT_INTERRUPTED && (stop != SLT_FIT_TIME_LIMIT || !f->result.iterations))
-        report(f, &err);
-    if (ended != SLT_OK) return report(f, &end_err);
+    if (status != SLT_OK && *err.text) report(f, &err);
+    if (c->first_seed) return status;
     if (!has_outcome(f, status)) return status;
     if (!c->quiet) cli_tell(c, f->p);
     report_dropped(c, &f->stats);
@@ -204,7 +307,7 @@ static int fit(Fit *f) {
     return run(f);
 }
 
-int verb_fit(Cli *c) {
+static int fit_once(Cli *c, double *loss) {
     Fit f = {.c = c, .opt = SLT_FIT_OPTIONS_INIT, .result = SLT_FIT_RESULT_INIT, .stats = SLT_STATS_INIT};
     int status = SLT_OK;
     const char *scene_file = c->file;
@@ -213,12 +316,15 @@ int verb_fit(Cli *c) {
         status = scene_read(c, scene_file, &f.scene);
         if (status == SLT_OK) c->file = f.scene.shader;
     }
+    if (status == SLT_OK) status = fit_take_rounds(&f);
     SltError later = {0}; /* a target that cannot be read is reported behind the shader's own errors */
     uint32_t size[3] = {0};
     if (status == SLT_OK && fit_size_of_target(&f, size, &later) == SLT_OK && size[0])
         c->opt.size[0] = size[0], c->opt.size[1] = size[1];
     if (status == SLT_OK) status = cli_compile(c, &f.p);
+    if (c->first_seed) c->output = NULL;
     if (status == SLT_OK) status = fit(&f);
+    *loss = f.result.loss;
     fit_free_pictures(&f);
     for (uint32_t k = 0; k < f.opt.nrate_masks; k++) free((void *)f.masks[k].factors);
     free(f.views);
@@ -226,10 +332,18 @@ int verb_fit(Cli *c) {
     free(f.rates);
     free(f.smooth);
     free(f.result.losses);
+    free(f.slopes);
+    free(f.round_ends);
+    free(f.kept);
     slt_program_free(f.p);
     for (uint32_t k = 0; k < f.nentries; k++) slt_program_free(f.entries[k]);
     free(f.entries);
     if (c->file == f.scene.shader) c->file = scene_file;
     scene_free(&f.scene);
     return status;
+}
+
+int verb_fit(Cli *c) {
+    double loss;
+    return c->first_seed ? fit_seeds(c, fit_once) : fit_once(c, &loss);
 }

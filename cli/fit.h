@@ -25,6 +25,13 @@ typedef struct View {
     uint32_t nparams;
 } View;
 
+/* So many iterations, then a program that changes the parameters. */
+typedef struct Round {
+    uint32_t iters;
+    const char *command;
+    double timeout; /* seconds that it may take */
+} Round;
+
 typedef struct FitParam {
     char *name, *value, *file; /* value: JSON text; value and file may be NULL */
     int grad;                  /* 0 or 1; -1: not said */
@@ -40,11 +47,16 @@ typedef struct Scene {
     uint32_t nparams;
     View *views;
     uint32_t nviews;
+    Round *rounds; /* one after the other, or `rounds_repeat` again and again */
+    uint32_t nrounds;
+    bool rounds_repeat;
+    const char *rounds_dir; /* where their programs run; NULL: the current folder */
     char **strings;
     uint32_t nstrings;
 } Scene;
 
-enum { STRIP = 5 }; /* pictures of a film strip, without the best and the target */
+enum { ROUND_SECONDS = 600 }; /* for a program between rounds, if nothing else is said */
+enum { STRIP = 5 };           /* pictures of a film strip, without the best and the target */
 
 typedef struct Fit {
     Cli *c;
@@ -66,7 +78,11 @@ typedef struct Fit {
     ImageFrame *frames;
     uint32_t nframes;
     double start;
-    SltFitResult result;
+    uint32_t round, first; /* rounds that are done, and the iterations that they had */
+    uint32_t *round_ends;  /* [round]: evaluations up to the end of each */
+    double *slopes;        /* [floats]: of |dL/dp|, the sum and then the mean over a round; NULL: there are no rounds */
+    char *kept;            /* the parameters before the last program changed them; NULL: none has */
+    SltFitResult result;   /* of all rounds; `loss` of the last */
     SltStats stats;
 } Fit;
 
@@ -76,6 +92,18 @@ int scene_read(Cli *c, const char *path, Scene *scene);
 void scene_free(Scene *scene);
 char *scene_keep(Scene *s, char *text); /* gives text (malloc'd) to the scene; returns it */
 bool scene_is(const char *file);        /* is the file a scene, by its extension? */
+
+/* fit_seeds.c: calls `once` by each of the seeds, and reports on the losses. */
+int fit_seeds(Cli *c, int (*once)(Cli *c, double *loss));
+
+/* fit.c: what the options and the scene say is optimised. */
+SltStatus fit_choose_wrt(Fit *f, SltError *err);
+
+/* fit_rounds.c */
+int fit_take_rounds(Fit *f);                          /* those of the command line, in place of the scene's */
+uint32_t fit_round(const Fit *f, const Round **then); /* iterations of the next round; what follows it, or NULL */
+SltStatus fit_change(Fit *f, const Round *r, SltError *err); /* behind a round: the program changes the parameters */
+void fit_revert(Fit *f); /* to those before it: a round that had no iteration leaves none better */
 
 /* fit_views.c */
 SltStatus fit_size_of_target(const Fit *f, uint32_t size[3], SltError *err); /* the first target's, without --size */
@@ -89,10 +117,12 @@ SltStatus fit_check_folder(const Fit *f, SltError *err); /* before the fit, and 
 int fit_write_outputs(Fit *f);
 SltStatus fit_join(char *out, size_t size, const char *dir, const char *name, SltError *err); /* dir/name */
 
-/* fit_pictures.c: pictures of the views, of a folder only. */
-SltStatus fit_create_pictures(Fit *f, SltError *err);            /* before the fit */
+/* fit_pictures.c: pictures of the views, of a folder only; the best of each also for what changes parameters. */
+void fit_create_best(Fit *f); /* both before the fit */
+SltStatus fit_create_pictures(Fit *f, SltError *err);
 SltStatus fit_take_pictures(Fit *f, SltFit *fit, SltError *err); /* behind every step, and before the first */
 SltStatus fit_take_best(Fit *f, SltFit *fit, SltError *err);     /* before slt_fit_end */
+SltStatus fit_end_frames(Fit *f, SltError *err);                 /* the last one: of the best */
 SltStatus fit_write_pictures(Fit *f, SltError *err);
 void fit_free_pictures(Fit *f);
 

@@ -101,13 +101,16 @@ static uint32_t square(uint32_t n) {
 }
 
 /* ---- while it runs */
+void fit_create_best(Fit *f) {
+    f->best = cli_need(calloc(f->scene.nviews + 1, sizeof *f->best));
+    for (uint32_t v = 0; v < f->scene.nviews; v++) f->best[v] = view_buffer(f);
+}
+
 SltStatus fit_create_pictures(Fit *f, SltError *err) {
     Layout l = layout(f, 1);
     SltStatus s = SLT_OK;
     /* Now: a picture that there is no memory for is no reason to lose hours of work, nor to leave it out. */
     for (uint32_t k = 0; k < STRIP && k < f->c->iters && s == SLT_OK; k++) s = create(&l, &f->strip[k], err);
-    f->best = cli_need(calloc(f->scene.nviews + 1, sizeof *f->best));
-    for (uint32_t v = 0; v < f->scene.nviews; v++) f->best[v] = view_buffer(f);
     if (s == SLT_OK && f->c->frames && f->c->iters / f->c->frames >= MAX_FRAMES)
         return status_fail(err, SLT_USAGE, "a picture every %u of %u iterations are more than %d", f->c->frames,
                            f->c->iters, MAX_FRAMES);
@@ -148,10 +151,13 @@ SltStatus fit_take_best(Fit *f, SltFit *fit, SltError *err) {
     SltStatus s = SLT_OK;
     for (uint32_t v = 0; v < f->scene.nviews && s == SLT_OK; v++)
         s = slt_fit_image(fit, v, true, &job, f->best[v], err);
-    if (s != SLT_OK || !f->c->frames) return s;
+    return s;
+}
+
+SltStatus fit_end_frames(Fit *f, SltError *err) {
     Layout l = layout(f, square(f->scene.nviews));
     Image im;
-    s = gather(f, &l, f->best, &im, err);
+    SltStatus s = gather(f, &l, f->best, &im, err);
     if (s == SLT_OK) s = add_frame(f, &im, LAST_MS, err);
     image_free(&im);
     return s;

@@ -240,7 +240,13 @@ static int set_rates(Cli *c, const char *name, const char *v, Assign *list, uint
     return SLT_OK;
 }
 
-static int set_lr(Cli *c, const Option *o, const char *v) { return set_rates(c, o->name, v, c->lr, &c->nlr); }
+static int set_lr(Cli *c, const Option *o, const char *v) {
+    int status = set_rates(c, o->name, v, c->lr, &c->nlr);
+    for (uint32_t k = 0; k < c->nlr; k++)
+        if (!c->lr[k].name) c->plain_lr = c->lr[k].value;
+    return status;
+}
+
 static int set_smooth(Cli *c, const Option *o, const char *v) {
     return set_rates(c, o->name, v, c->smooth, &c->nsmooth);
 }
@@ -271,6 +277,18 @@ static int set_betas(Cli *c, const Option *o, const char *v) {
     if (!comma || !parse_number(text, 1e-300, 0.999999999999, &c->beta1) ||
         !parse_number(comma + 1, 1e-300, 0.999999999999, &c->beta2))
         return cli_usage(c, "%s: two numbers above 0 and below 1 are wanted, not `%s`", o->name, v);
+    return SLT_OK;
+}
+
+static int set_seeds(Cli *c, const Option *o, const char *v) {
+    char text[32];
+    const char *dots = strstr(v, "..");
+    uint64_t first = 1, last;
+    snprintf(text, sizeof text, "%.*s", dots ? (int)(dots - v < 31 ? dots - v : 31) : 0, v);
+    if ((dots && !parse_whole(text, 1, UINT32_MAX, &first)) ||
+        !parse_whole(dots ? dots + 2 : v, 1, UINT32_MAX, &last) || last < first || last - first >= 1000)
+        return cli_usage(c, "%s: N or A..B is wanted, of at most 1000 whole numbers from 1 on, not `%s`", o->name, v);
+    c->first_seed = (uint32_t)first, c->last_seed = (uint32_t)last;
     return SLT_OK;
 }
 

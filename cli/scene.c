@@ -53,11 +53,24 @@ static char *relative(Reader *r, const char *path) {
     return scene_keep(r->s, out);
 }
 
+typedef struct Slices {
+    const char *dir, *why;
+} Slices;
+
+static SltStatus refuse_slice(void *user, const char *path, SltError *err) {
+    Slices *s = user;
+    (void)err;
+    s->why = sandbox_refusal(s->dir, "", path);
+    return s->why ? SLT_INPUT : SLT_OK;
+}
+
 /* NULL: the scene may name the file. */
 static const char *refusal(const Reader *r, const char *text, const char *path) {
-    const char *why = r->c->opt.sandbox ? sandbox_refusal(r->s->dir, text, path) : NULL;
-    if (why && errno == ENOMEM) cli_need(NULL);
-    return why;
+    if (!r->c->opt.sandbox) return NULL;
+    Slices slices = {r->s->dir, sandbox_refusal(r->s->dir, text, path)};
+    if (!slices.why && volume_is_stack(path)) volume_each(path, refuse_slice, &slices, NULL); /* each may be a link */
+    if (slices.why && errno == ENOMEM) cli_need(NULL);
+    return slices.why;
 }
 
 static int text_of(Reader *r, json_t *root, const char *key, char **out, bool path) {
@@ -249,6 +262,40 @@ static int read_loss_command(Reader *r, json_t *loss) {
     return SLT_OK;
 }
 
+static int read_round(Reader *r, json_t *j) {
+    double iters = 0, timeout = ROUND_SECONDS;
+    char *command = NULL;
+    if (!json_is_object(j))
+        return bad(r, "rounds", "{\"iters\": N, \"command\": \"...\"}, or a list of these, is wanted");
+    int status = known_keys(r, j, "rounds", KEYS("iters", "command", "timeout"));
+    if (status == SLT_OK) status = number_of(r, j, "iters", 1, 1e8, &iters);
+    if (status == SLT_OK) status = text_of(r, j, "command", &command, false);
+    if (status == SLT_OK) status = number_of(r, j, "timeout", 1e-3, 1e9, &timeout);
+    if (status != SLT_OK) return status;
+    if (iters < 1) return bad(r, "rounds", "`iters` is missing");
+    if (!command || !*command) return bad(r, "rounds", "`command` is missing");
+    r->s->rounds[r->s->nrounds++] = (Round){(uint32_t)iters, command, timeout};
+    return SLT_OK;
+}
+
+/* "rounds": {"iters": N, "command": "...", "timeout": S} again and again, or a list of such, one after the other; the
+ * commands run in the scene's folder. */
+static int read_rounds(Reader *r, json_t *root) {
+    json_t *rounds = json_object_get(root, "rounds");
+    size_t n = json_is_array(rounds) ? json_array_size(rounds) : 1;
+    int status = SLT_OK;
+    if (!rounds || r->c->round_command) return SLT_OK;
+    r->s->rounds = cli_need(calloc(n + 1, sizeof *r->s->rounds));
+    r->s->rounds_dir = r->s->dir, r->s->rounds_repeat = !json_is_array(rounds);
+    for (size_t i = 0; i < n && status == SLT_OK; i++)
+        status = read_round(r, r->s->rounds_repeat ? rounds : json_array_get(rounds, i));
+    if (status != SLT_OK || !n) return status;
+    if (r->c->opt.sandbox) return bad(r, "rounds", "a sandbox starts no commands of scenes");
+    if (r->c->allow_commands) return SLT_OK;
+    return bad(r, "rounds",
+               "it wants to start a program: with --allow-commands it may, or type it behind --round-command");
+}
+
 /* "loss": "l2", "l1", "huber", {"huber": delta}, {"entry": name} or a command. */
 static int read_loss(Reader *r, json_t *root) {
     json_t *loss = json_object_get(root, "loss");
@@ -341,10 +388,10 @@ static int read_optimizer(Reader *r, json_t *root) {
 
 static int read_root(Reader *r, json_t *root) {
     if (!json_is_object(root)) return bad(r, "", "an object is wanted");
-    int status =
-        known_keys(r, root, "",
-                   KEYS("shader", "entry", "set", "size", "spp", "segments", "samples", "seed", "params", "views",
-                        "target", "mask", "optimizer", "output", "filter", "minimize", "precision", "loss", "frames"));
+    int status = known_keys(r, root, "",
+                            KEYS("shader", "entry", "set", "size", "spp", "segments", "samples", "seed", "params",
+                                 "views", "target", "mask", "optimizer", "output", "filter", "minimize", "precision",
+                                 "loss", "frames", "rounds"));
     double spp = -1, segments = -1, samples = -1, seed = -1, frames = 0;
     char *filter = NULL, *precision = NULL;
     if (status == SLT_OK) status = text_of(r, root, "shader", &r->s->shader, true);
@@ -362,6 +409,7 @@ static int read_root(Reader *r, json_t *root) {
     if (status == SLT_OK) status = read_size(r, root);
     if (status == SLT_OK) status = read_params(r, root);
     if (status == SLT_OK) status = read_loss(r, root);
+    if (status == SLT_OK) status = read_rounds(r, root);
     if (status == SLT_OK) status = read_views(r, root);
     if (status == SLT_OK) status = read_optimizer(r, root);
     if (status != SLT_OK) return status;
@@ -417,6 +465,7 @@ void scene_free(Scene *s) {
     }
     free(s->views);
     free(s->params);
+    free(s->rounds);
     for (uint32_t i = 0; i < s->nstrings; i++) free(s->strings[i]);
     free(s->strings);
     *s = (Scene){0};

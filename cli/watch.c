@@ -62,7 +62,7 @@ static void leave(bool timed_out) {
         const char *text = watched.leaving[timed_out]; /* standard error may be locked: what holds it is left behind */
         ssize_t ignored = write(2, text, strlen(text));
         (void)ignored;
-        loss_abandon();
+        child_abandon();
         _exit(timed_out ? SLT_LIMIT : SLT_INTERRUPTED);
     }
     pthread_mutex_unlock(&watched.lock);

@@ -25,7 +25,8 @@ struct SltProgram {
     SltOptions opt; /* what it points at lies in the session */
     PassCtx passes;
     Target target;
-    int source; /* of session->sources: the file or string that was compiled */
+    int source;       /* of session->sources: the file or string that was compiled */
+    bool has_lengths; /* open arrays have those of opt.lengths, which is kept */
 
     atomic_bool in_use;           /* by a public function that reads or writes what follows */
     _Atomic(const void *) holder; /* the thread whose fit holds the program, as call.c names threads; NULL: none */
@@ -138,6 +139,8 @@ SltStatus api_geometries(SltProgram *p, SltError *err);
 /* ---- program.c: the source of p with more text behind it and another entry, under the options of p. As
  * slt_compile_string. */
 SltStatus api_compile_beside(const SltProgram *p, const char *more, const char *entry, SltProgram **out);
+/* The same source, entry and options again, with open arrays as long as in these values (SltOptions.lengths). */
+SltStatus api_compile_resized(const SltProgram *p, const char *lengths, SltProgram **out);
 
 /* ---- values.c */
 void api_flt_from(SltProgram *p, const double *values, uint32_t base,
@@ -157,6 +160,7 @@ bool api_looks_like_glsl(const char *text);
 /* The files that declarations name as values; the front end asks for their dimensions by api_probe_asset. */
 SltStatus api_load_assets(SltProgram *p, SltError *err);
 AssetProbe api_probe_asset;
+OpenLength api_open_length; /* of opt.lengths */
 
 /* ---- kernels.c: facts of the program */
 uint64_t api_event_bound(const SltProgram *p); /* the most events that one sample may meet */

@@ -47,6 +47,10 @@ static SltStatus take_options(SltFit *f, const SltFitOptions *given, SltError *e
     if (o->metric != SLT_FIT_L2 && (o->minimize || o->loss))
         return status_fail(err, SLT_USAGE, "a metric compares an image with its target, and here is another loss");
     if (!o->huber_delta) o->huber_delta = 0.1;
+    if (o->iterations > UINT32_MAX - o->first || (o->planned && o->planned < o->first + o->iterations))
+        return status_fail(err, SLT_USAGE, "a round of a fit from evaluation %u on, %u of them, and %u are planned",
+                           o->first, o->iterations, o->planned);
+    if (!o->planned) o->planned = o->first + o->iterations;
     bool compares = optimise_wants_same_loss(f->method);
     if (o->schedule && compares)
         return status_fail(err, SLT_USAGE, "%s finds the lengths of its steps: it takes no schedule of learning rates",
@@ -195,7 +199,7 @@ static SltStatus stopped(SltFit *f, SltFitStop stop, SltStatus status, const cha
 static bool tell(const SltFit *f, double loss) {
     if (!f->opt.iterated) return false;
     SltFitIteration at = {.struct_size = sizeof at,
-                          .iteration = f->iteration,
+                          .iteration = fit_number(f),
                           .count = f->n,
                           .index = f->index,
                           .parameters = optimise_parameters(f->optimiser),
@@ -210,7 +214,7 @@ static bool tell(const SltFit *f, double loss) {
 /* The factor of the learning rates for the step behind so many evaluations. */
 static double scheduled(const SltFitOptions *o, uint32_t done) {
     if (o->schedule == SLT_FIT_EXPONENTIAL) return pow(o->decay, done - 1.0);
-    if (o->schedule == SLT_FIT_COSINE) return (1 + cos(M_PI * (done - 1.0) / o->iterations)) / 2;
+    if (o->schedule == SLT_FIT_COSINE) return (1 + cos(M_PI * (done - 1.0) / o->planned)) / 2;
     return 1;
 }
 
@@ -227,7 +231,7 @@ static SltStatus step(SltFit *f, SltError *err) {
     if (status != SLT_OK) return stopped(f, SLT_FIT_FAILED, status, err->text);
     f->losses[f->iteration++] = loss;
     bool enough = tell(f, loss);
-    optimise_set_rate(f->optimiser, scheduled(&f->opt, f->iteration));
+    optimise_set_rate(f->optimiser, scheduled(&f->opt, fit_number(f)));
     OptimiseState state = optimise_step(f->optimiser, loss, f->gradient);
     if (f->opt.every && f->iteration % f->opt.every == 0 && (status = fit_save(f, err)) != SLT_OK)
         return stopped(f, SLT_FIT_FAILED, status, err->text);

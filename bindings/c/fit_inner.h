@@ -82,6 +82,9 @@ static inline bool fit_wants_adjoint(const SltFit *f) {
     return f->opt.loss || f->opt.loss_entry || f->opt.metric != SLT_FIT_L2;
 }
 
+/* Its number among those of all rounds. */
+static inline uint32_t fit_number(const SltFit *f) { return f->opt.first + f->iteration; }
+
 /* ---- fit_views.c */
 SltStatus fit_read_views(SltFit *f, SltError *err);
 void fit_free_views(SltFit *f);

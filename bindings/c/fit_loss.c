@@ -34,7 +34,7 @@ static double compare(const SltFit *f, const View *v, const float *image) {
 static SltStatus ask_caller(SltFit *f, const SltJob *job, uint32_t view, const float *image, double *loss,
                             SltError *err) {
     SltFitRequest q = {.struct_size = sizeof q,
-                       .iteration = f->iteration,
+                       .iteration = fit_number(f),
                        .view = view,
                        .views = f->nviews,
                        .pixels = {job->size[0], job->size[1], job->size[2]},
@@ -91,7 +91,7 @@ static uint32_t choose_views(SltFit *f) {
     if (!k) return n;
     /* Floyd's choice of k of n: each set is as likely. */
     for (uint32_t j = n - k; j < n; j++) {
-        rng_block(f->job.seed, RNG_VIEW, j, f->iteration, word);
+        rng_block(f->job.seed, RNG_VIEW, j, fit_number(f), word);
         uint32_t pick = (uint32_t)(((uint64_t)word[0] * (j + 1)) >> 32);
         f->drawn[f->drawn[pick] ? j : pick] = true;
     }
@@ -111,7 +111,7 @@ SltStatus fit_evaluate(SltFit *f, double *loss, SltError *err) {
     SltStatus status = SLT_OK;
     SltJob job = f->job;
     fit_set_active(f, optimise_parameters(f->optimiser));
-    if (!optimise_wants_same_loss(f->method)) job.seed += 0x9e3779b9u * (f->iteration + 1);
+    if (!optimise_wants_same_loss(f->method)) job.seed += 0x9e3779b9u * (fit_number(f) + 1);
     memset(f->gradient, 0, f->n * sizeof *f->gradient);
     *loss = 0;
     if (f->opt.minimize) return evaluate_integral(f, &job, loss, err);

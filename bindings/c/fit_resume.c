@@ -48,7 +48,8 @@ static void hash_problem(Session *s, void *arg) {
     if (f->opt.metric == SLT_FIT_HUBER) h = mix_double(h, f->opt.huber_delta);
     if (f->opt.views_per_step) h = ir_mix(h, f->opt.views_per_step);
     if (f->opt.schedule) h = mix_double(ir_mix(h, f->opt.schedule), f->opt.decay);
-    if (f->opt.schedule == SLT_FIT_COSINE) h = ir_mix(h, f->opt.iterations);
+    if (f->opt.schedule == SLT_FIT_COSINE) h = ir_mix(h, f->opt.planned);
+    if (f->opt.first) h = ir_mix(h, f->opt.first);
     for (const char *c = f->opt.loss ? f->opt.loss_name : NULL; c && *c; c++) h = ir_mix(h, (uint8_t)*c);
     snprintf(f->key, sizeof f->key,
              "saltus fit %08x %ux%u spp %u samples %llu segments %llu seed %u filter %d estimator %d optimizer %s", h,

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "bindings/c/api.h"
+#include "bindings/c/values_plain.h"
 #include "runtime/base/text.h"
 
 static double now_ms(void) {
@@ -170,10 +171,12 @@ static void compile_body(Session *s, void *arg) {
                                    .glsl = glsl,
                                    .size = {p->opt.size[0], p->opt.size[1]},
                                    .probe = api_probe_asset,
+                                   .length = p->opt.lengths ? api_open_length : NULL,
                                    .probe_user = p},
                          .precision = p->opt.f64 ? PREC_F64 : PREC_F32,
                          .seed = p->opt.seed};
     Program *prog = front_compile(s, file, &po);
+    if (!p->has_lengths) p->opt.lengths = NULL; /* the caller's */
     p->ms_front = now_ms() - start;
     if (!prog || s->nerrors) {
         c->status = s->bad_usage ? SLT_USAGE : s->bad_input ? SLT_INPUT : SLT_PROGRAM;
@@ -256,19 +259,48 @@ SltStatus slt_compile_string(const char *source, const char *shown_name, const S
     return compile(NULL, source, shown_name ? shown_name : "<string>", ".", opt, out);
 }
 
-SltStatus api_compile_beside(const SltProgram *p, const char *more, const char *entry, SltProgram **out) {
+/* The source of p again, with more text behind it. */
+static SltStatus compile_again(const SltProgram *p, const char *more, SltOptions *opt, SltProgram **out) {
     const Source *s = &p->session->sources[p->source];
-    SltOptions opt = p->opt;
-    opt.entry = entry, opt.rgba8 = false;
-    opt.dump = opt.verify_after = opt.stop_after = NULL;
+    opt->rgba8 = false;
+    opt->dump = opt->verify_after = opt->stop_after = NULL;
     size_t n = strlen(more);
     char *text = malloc(s->len + n + 1);
     *out = NULL;
     if (!text) return SLT_LIMIT;
     memcpy(text, s->text, s->len);
     memcpy(text + s->len, more, n + 1);
-    SltStatus status = compile(NULL, text, s->path, s->dir, &opt, out);
+    SltStatus status = compile(NULL, text, s->path, s->dir, opt, out);
     free(text);
+    return status;
+}
+
+SltStatus api_compile_beside(const SltProgram *p, const char *more, const char *entry, SltProgram **out) {
+    SltOptions opt = p->opt;
+    opt.entry = entry;
+    return compile_again(p, more, &opt, out);
+}
+
+SltStatus api_compile_resized(const SltProgram *p, const char *lengths, SltProgram **out) {
+    SltOptions opt = p->opt;
+    SltSet *files = malloc((opt.nparam_files + 1) * sizeof *files);
+    uint32_t n = 0;
+    uint64_t ignored;
+    *out = NULL;
+    if (!files) return SLT_LIMIT;
+    /* A file says the length no more where the values do. */
+    for (uint32_t k = 0; k < opt.nparam_files; k++) {
+        bool open = false;
+        for (uint32_t i = 0; i < p->prog->nparams; i++) {
+            const Symbol *sym = p->prog->params[i].sym;
+            open |= !strcmp(p->prog->params[i].name, opt.param_files[k].name) && sym->open;
+        }
+        if (!open || !plain_length(lengths, opt.param_files[k].name, &ignored)) files[n++] = opt.param_files[k];
+    }
+    opt.param_files = files, opt.nparam_files = n;
+    opt.lengths = lengths, opt.entry = p->prog->entry;
+    SltStatus status = compile_again(p, "", &opt, out);
+    free(files);
     return status;
 }
 

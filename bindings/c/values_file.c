@@ -1,4 +1,5 @@
 /* Parameter values from files: tables, images, JSON; and what a file's shape is, for sizes that it decides. */
+#include <errno.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -176,6 +177,26 @@ static bool probe_json(SltProgram *p, const char *path, const Symbol *of, uint32
     return ok;
 }
 
+static SltStatus allow_slice(void *user, const char *path, SltError *err) {
+    const char *why = sandbox_refusal(user, "", path);
+    return why ? status_fail(err, errno == ENOMEM ? SLT_LIMIT : SLT_INPUT, "%s: %s", path, why) : SLT_OK;
+}
+
+/* Each slice of a stack may be a link that leads out of the sandbox. What the caller names is the caller's matter. */
+static bool allows_stack(const SltProgram *p, const char *path, const Symbol *of, SltError *err) {
+    bool own = p->session->sandbox && volume_is_stack(path);
+    for (uint32_t k = 0; k < p->opt.nparam_files; k++) own &= strcmp(p->opt.param_files[k].name, of->doc_name) != 0;
+    return !own || volume_each(path, allow_slice, (void *)p->session->sandbox, err) == SLT_OK;
+}
+
+bool api_open_length(void *user, const char *name, uint64_t *n) {
+    SltProgram *p = user;
+    if (!p->opt.lengths || !plain_length(p->opt.lengths, name, n)) return false;
+    /* Another entry of the source may be compiled later on. */
+    if (!p->has_lengths) p->opt.lengths = arena_strndup(&p->session->session, p->opt.lengths, strlen(p->opt.lengths));
+    return p->has_lengths = true;
+}
+
 /* The dimensions of an asset, for the front end; *why on failure. */
 bool api_probe_asset(void *user, const char *path, const Symbol *of, uint32_t dims[4], uint32_t *ndims,
                      const char **why) {
@@ -188,10 +209,7 @@ bool api_probe_asset(void *user, const char *path, const Symbol *of, uint32_t di
         ImageReadOptions raw = {.raw = geometry};
         int depth = 0;
         bool volume = of->type->kind == T_TEXTURE3D;
-        if (volume && p->session->sandbox && volume_is_stack(path)) { /* each slice may be a link that leads out */
-            *why = "a sandbox allows no stacks of files";
-            return false;
-        }
+        if (volume && !allows_stack(p, path, of, &err)) return cannot_probe(p, &err, why);
         SltStatus status = volume ? volume_read(path, &raw, &im, &depth, &err) : image_read(path, &raw, &im, &err);
         if (status != SLT_OK) return cannot_probe(p, &err, why);
         *ndims = volume ? 4 : 3;

@@ -121,6 +121,41 @@ static bool at_end(Plain *r) {
     return !*r->at;
 }
 
+/* Behind one value, whatever it is: to the comma or bracket that ends it. */
+static void skip_value(Plain *r) {
+    for (uint64_t depth = 0; *r->at; r->at++) {
+        char c = *r->at;
+        if (c == '[' || c == '{') depth++;
+        if (!depth && (c == ',' || c == ']' || c == '}')) return;
+        if (c == ']' || c == '}') depth--;
+        if (c != '"') continue;
+        for (r->at++; *r->at && *r->at != '"'; r->at++)
+            if (*r->at == '\\' && r->at[1]) r->at++;
+        if (!*r->at) return;
+    }
+}
+
+bool plain_length(const char *text, const char *name, uint64_t *n) {
+    Plain r = {.at = text};
+    if (!take(&r, '{')) return false;
+    for (bool first = true; first || take(&r, ','); first = false) {
+        skip_blanks(&r);
+        const char *here = r.at;
+        bool found = take_name(&r, name) && take(&r, '[');
+        if (!found) {
+            r.at = here;
+            skip_value(&r);
+            continue;
+        }
+        *n = 0;
+        if (take(&r, ']')) return true;
+        do ++*n, skip_value(&r);
+        while (take(&r, ','));
+        return take(&r, ']');
+    }
+    return false;
+}
+
 bool plain_param(const Param *q, const char *text, double *floats, int32_t *ints) {
     Plain r = {text, floats, ints};
     return take_param(&r, q) && at_end(&r);

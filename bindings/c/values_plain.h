@@ -6,6 +6,9 @@
 #include "bindings/c/shape.h"
 
 bool plain_param(const Param *q, const char *text, double *floats, int32_t *ints);
+/* How many elements the list under `name` has in the object that the text is; false: there is no such list. Nothing is
+ * checked: whoever reads the values does. */
+bool plain_length(const char *text, const char *name, uint64_t *n);
 bool plain_params(const Program *p, const char *text, double *floats, int32_t *ints);
 
 #endif

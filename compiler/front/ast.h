@@ -262,9 +262,11 @@ struct Symbol {
     uint32_t id;      /* dense within the function (locals, arguments); at file scope how far its check is (param.c) */
     /* parameters */
     ParamAttrs attrs;
-    Func *init_func;                     /* = init(f) */
-    const char *asset;                   /* = "file", resolved path */
-    bool zeros;                          /* = zeros(w, h[, d][, channels]) */
+    Func *init_func;   /* = init(f) */
+    const char *asset; /* = "file", resolved path */
+    bool zeros;        /* = zeros(w, h[, d][, channels]) */
+    bool open;         /* an array whose first size is `[]` */
+    bool sized;        /* an open array with the length of values that the caller sets; zeros till then */
     uint32_t tex_w, tex_h, tex_d, tex_c; /* of textures and geometries that are grids, known at compile time; tex_d:
                                             slices of a texture3D, else 0 */
     uint32_t param_index;                /* in Program.params */
@@ -425,13 +427,17 @@ typedef struct ParamFile {
     bool used;
 } ParamFile;
 
+/* Is there a list under this name among values that the caller is going to set? *n: its elements. */
+typedef bool OpenLength(void *user, const char *name, uint64_t *n);
+
 typedef struct FrontOptions {
     const char *entry; /* NULL: main, or the only one */
     ConstOverride *overrides;
     uint32_t noverrides;
     bool disc_auto; /* --disc=auto */
     AssetProbe *probe;
-    void *probe_user;
+    OpenLength *length; /* of open arrays that no file gives; NULL: the source alone says it */
+    void *probe_user;   /* of both */
     ParamFile *files;
     uint32_t nfiles;
     bool f64;         /* EPSILON is that of binary64 */

@@ -230,20 +230,24 @@ typedef struct Flow {
     IrRange *range;
     IrRange *next;  /* by id of a carried parameter or an array: what is assigned there, found by the sweep before */
     IrRange *found; /* the same, as this sweep finds it */
+    const uint8_t *told;
 } Flow;
 
 static void sweep(Flow *f, const Block *b);
 
+static void set(Flow *f, const Inst *i, IrRange r) {
+    f->range[i->id] = fit(i, r);
+    if (f->told && f->told[i->id]) f->range[i->id].beyond &= ~IR_NAN;
+}
+
 static void sweep_regions(Flow *f, const Inst *i) {
     for (uint32_t r = 0; r < i->nregions; r++) {
         const Block *body = i->region[r];
-        for (uint32_t p = 0; p < body->nparams; p++)
-            f->range[body->params[p]->id] = fit(body->params[p], IR_RANGE_CARRIED);
+        for (uint32_t p = 0; p < body->nparams; p++) set(f, body->params[p], IR_RANGE_CARRIED);
         if (i->op == OP_loop) {
             f->range[body->params[0]->id] = counter(i);
             for (uint32_t p = 1; p < body->nparams; p++)
-                f->range[body->params[p]->id] =
-                    fit(body->params[p], join(f->range[i->args[p - 1]->id], f->next[body->params[p]->id]));
+                set(f, body->params[p], join(f->range[i->args[p - 1]->id], f->next[body->params[p]->id]));
         }
         if (i->op == OP_custom)
             for (uint32_t p = 0; p < body->nparams && p < i->nargs; p++)
@@ -285,7 +289,7 @@ static void sweep(Flow *f, const Block *b) {
             r = ir_range_row((Op)i->op, a[0], a[1], a[2], i->nargs > 1 && i->args[0] == i->args[1]);
         }
         }
-        f->range[i->id] = fit(i, r);
+        set(f, i, r);
     }
 }
 
@@ -303,10 +307,10 @@ static bool found_more(Flow *f, bool everywhere) {
     return more;
 }
 
-void ir_ranges(const Fn *fn, Arena *scratch, IrRange *range) {
+void ir_ranges(const Fn *fn, Arena *scratch, const uint8_t *told, IrRange *range) {
     enum { PATIENCE = 6 }; /* sweeps until what is still on its way is believed to get anywhere */
     uint32_t n = fn->ninsts;
-    Flow f = {n, range, ARENA_ARRAY(scratch, IrRange, n + 1), ARENA_ARRAY(scratch, IrRange, n + 1)};
+    Flow f = {n, range, ARENA_ARRAY(scratch, IrRange, n + 1), ARENA_ARRAY(scratch, IrRange, n + 1), told};
     for (uint32_t k = 0; k < n; k++) f.next[k] = f.found[k] = IR_RANGE_CARRIED;
     sweep(&f, fn->body);
     IrRange *first = f.found;

@@ -31,8 +31,16 @@ IrRange ir_range_const(double v);
 /* The range column of op, before integers wrap. same: the first two arguments are one value. */
 IrRange ir_range_row(Op op, IrRange a, IrRange b, IrRange c, bool same);
 
-/* Forwards through a whole Fn with dense ids: fills range[ninsts], by id of value or block parameter. */
-void ir_ranges(const Fn *fn, Arena *scratch, IrRange *range);
+/* range.c */
+/* Forwards through a whole Fn with dense ids: fills range[ninsts], by id of value or block parameter. told (may be
+ * NULL): values whose NaN is of no interest, by id. */
+void ir_ranges(const Fn *fn, Arena *scratch, const uint8_t *told, IrRange *range);
+
+/* range_told.c */
+/* Fills told[ninsts] with 1 where a NaN makes every float that the Fn gives NaN, else 0. */
+void ir_told(const Fn *fn, Arena *scratch, uint8_t *told);
+
+/* range.c */
 
 /* Backwards from one integer, a few operands deep, without looking at the rest of the Fn. known (may be NULL): ranges
  * that the caller knows better, by Inst.tag; a tag of 0, or of nknown and more, has none. */

@@ -78,7 +78,7 @@ typedef struct AdFacts {
     const AdOptions *o;
 } AdFacts;
 /* Numbers fn and computes the facts; tags of detach must be 0 or valid links. */
-void ad_facts(AdFacts *f, Fn *fn, Arena *arena, const AdOptions *o, Inst **links);
+void ad_facts(AdFacts *f, Fn *fn, Arena *arena, const AdOptions *o, Inst **links, const uint8_t *told);
 static inline bool ad_active(const AdFacts *f, const Inst *v) {
     return v->id < f->n && f->varied[v->id] && f->useful[v->id];
 }

@@ -147,13 +147,13 @@ static void useful_in(Walk *w, Block *b) {
     }
 }
 
-void ad_facts(AdFacts *f, Fn *fn, Arena *arena, const AdOptions *o, Inst **links) {
+void ad_facts(AdFacts *f, Fn *fn, Arena *arena, const AdOptions *o, Inst **links, const uint8_t *told) {
     uint32_t n = ir_number(fn);
     *f = (AdFacts){.fn = fn, .arena = arena, .n = n, .o = o, .links = links};
     f->varied = ARENA_ARRAY(arena, uint8_t, n + 1);
     f->useful = ARENA_ARRAY(arena, uint8_t, n + 1);
     f->range = ARENA_ARRAY(arena, IrRange, n + 1);
-    ir_ranges(fn, arena, f->range);
+    ir_ranges(fn, arena, told, f->range);
     Walk w = {.f = f};
     do {
         w.changed = false;
@@ -202,7 +202,7 @@ void ad_activity(const Fn *fn, uint8_t *active) {
     Fn *copy = ir_clone(fn, scratch, fn->name);
     ad_clear_tags(copy->body);
     AdFacts f;
-    ad_facts(&f, copy, scratch, &(AdOptions){0}, NULL);
+    ad_facts(&f, copy, scratch, &(AdOptions){0}, NULL, NULL);
     memset(active, 0, (fn->nfloats + 7) / 8);
     collect_params(&f, copy->body, active);
     arena_reset(scratch, m);

@@ -232,7 +232,7 @@ static Jvp sweep(PassCtx *ctx, Fn *fn, const AdOptions *o, uint32_t n, bool grad
     Arena *scratch = &ctx->session->scratch;
     ad_clear_tags(fn->body);
     Jvp j = {.fn = fn, .scratch = scratch, .n = n, .grad_x = grad_x};
-    ad_facts(&j.facts, fn, scratch, o, NULL);
+    ad_facts(&j.facts, fn, scratch, o, NULL, NULL);
     j.any_inf = ad_makes_infinite(&j.facts, fn->body);
     j.tangent = ARENA_ARRAY(scratch, Inst *, (size_t)j.facts.n * n + 1);
     j.inf = ARENA_ARRAY(scratch, bool, j.facts.n + 1);

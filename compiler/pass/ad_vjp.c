@@ -167,7 +167,9 @@ static bool mark_regions(const AdFacts *f, Block *b, uint8_t *taped, uint8_t *ef
 }
 
 static void facts(Vjp *v) {
-    ad_facts(&v->f, v->fn, v->scratch, v->o, v->links.v.data);
+    uint8_t *told = ARENA_ARRAY(v->scratch, uint8_t, ir_number(v->fn) + 1);
+    ir_told(v->fn, v->scratch, told); /* where f is NaN, so may its derivatives be */
+    ad_facts(&v->f, v->fn, v->scratch, v->o, v->links.v.data, told);
     v->taped = ARENA_ARRAY(v->scratch, uint8_t, v->f.n + 1);
     v->effect = ARENA_ARRAY(v->scratch, uint8_t, v->f.n + 1);
     bool effects = false;

@@ -372,7 +372,7 @@ bool opt_roots(PassCtx *ctx, Fn *fn) {
     ArenaMark m = arena_mark(scratch);
     uint32_t n = ir_number(fn);
     IrRange *range = ARENA_ARRAY(scratch, IrRange, n + 1);
-    ir_ranges(fn, scratch, range);
+    ir_ranges(fn, scratch, NULL, range);
     bool changed = roots_in(fn, fn->body, range);
     arena_reset(scratch, m);
     return changed;

@@ -70,8 +70,9 @@ typedef SltStatus SltFitLoss(void *user, const SltFitRequest *request, double *l
 /* One evaluation: at which parameters, and what came out. Valid during the call. */
 typedef struct SltFitIteration {
     size_t struct_size;
-    uint32_t iteration;                  /* evaluations done with this one, those before a resume included */
-    uint32_t count;                      /* floats that are optimised */
+    uint32_t iteration; /* evaluations done with this one, those before it in earlier rounds (first) or before a resume
+                           included */
+    uint32_t count;     /* floats that are optimised */
     const uint32_t *index;               /* [count]: where each lies in slt_floats, ascending */
     const double *parameters, *gradient; /* [count] */
     double loss;                         /* of this evaluation */
@@ -106,7 +107,7 @@ typedef struct SltFitOptions {
     /* The optimiser: a name that slt_fit_optimizer gives; NULL: "adam". A 0 in the numbers below means the default that
      * follows the colon. */
     const char *optimizer;
-    uint32_t iterations;       /* evaluations in all, those before a resume included; 0 means none */
+    uint32_t iterations;       /* evaluations in all, those before a resume included, of earlier rounds not; 0: none */
     const SltFitNumber *rates; /* [nrates]: learning rates, 0 holds; later ones override. 0.01, L-BFGS 0.1 */
     uint32_t nrates;
     const SltFitMask *rate_masks; /* [nrate_masks]: factors of the rates */
@@ -146,6 +147,10 @@ typedef struct SltFitOptions {
      * numbers of vertices a face, whose edges are the neighbours. The others are grids, of up to three dimensions. */
     const SltSet *smooth_faces; /* [nsmooth_faces] */
     uint32_t nsmooth_faces;
+    /* Of a fit that is one of several rounds, between which the caller changes parameters: how many evaluations the
+     * rounds before had, from where numbers of iterations, random numbers and the schedule go on; and how many all
+     * rounds have for the schedule, 0: no more than these and this fit's. */
+    uint32_t first, planned;
 } SltFitOptions;
 #define SLT_FIT_OPTIONS_INIT ((SltFitOptions){.struct_size = sizeof(SltFitOptions), .iterations = 200, .every = 10})
 

@@ -193,6 +193,9 @@ SltStatus volume_write(const char *path, Image *im, int depth, const ImageWriteO
 bool volume_can_write(const char *path);
 /* Does the path name several files, a folder or a pattern? */
 bool volume_is_stack(const char *path);
+/* Calls visit with every file of a stack, the lowest slice first, until one fails. */
+typedef SltStatus VolumeVisit(void *user, const char *path, SltError *err);
+SltStatus volume_each(const char *path, VolumeVisit *visit, void *user, SltError *err);
 
 /* table.c ------------------------------------------------------------------------------------- */
 

@@ -91,20 +91,18 @@ static SltStatus add_slice(Image *out, int *depth, Image *slice, const char *pat
     return status;
 }
 
-static SltStatus read_pattern(const char *pattern, const ImageReadOptions *opt, Image *out, int *depth, SltError *err) {
+static SltStatus each_of_pattern(const char *pattern, VolumeVisit *visit, void *user, SltError *err) {
     char path[PATH_SIZE];
     struct stat s;
     SltStatus status = SLT_OK;
-    for (int k = 0; status == SLT_OK; k++) {
+    for (int k = 0, seen = 0; status == SLT_OK; k++) {
         if (!slice_path(pattern, k, path)) return status_fail(err, SLT_INPUT, "'%s': the path is too long", pattern);
         if (stat(path, &s) != 0) {
             if (k == 0) continue; /* they may begin at 1 */
-            if (*depth) return SLT_OK;
+            if (seen) return SLT_OK;
             return status_fail(err, SLT_INPUT, "cannot read '%s': there is no slice 0 or 1 ('%s')", pattern, path);
         }
-        Image slice;
-        status = image_read(path, opt, &slice, err);
-        if (status == SLT_OK) status = add_slice(out, depth, &slice, path, err);
+        status = visit(user, path, err), seen++;
     }
     return status;
 }
@@ -116,7 +114,7 @@ static int is_exr(const struct dirent *e) {
     return e->d_name[0] != '.' && !strcmp(image_path_extension(e->d_name, extension), "exr");
 }
 
-static SltStatus read_folder(const char *folder, const ImageReadOptions *opt, Image *out, int *depth, SltError *err) {
+static SltStatus each_of_folder(const char *folder, VolumeVisit *visit, void *user, SltError *err) {
     struct dirent **list = NULL;
     char path[PATH_SIZE];
     SltStatus status = SLT_OK;
@@ -124,15 +122,30 @@ static SltStatus read_folder(const char *folder, const ImageReadOptions *opt, Im
     if (n < 0) return status_fail_errno(err, SLT_INPUT, errno, "cannot read the folder '%s'", folder);
     if (n == 0) status = status_fail(err, SLT_INPUT, "there are no slices in '%s': .exr files are wanted", folder);
     for (int k = 0; k < n; k++) {
-        Image slice;
         if (status == SLT_OK && snprintf(path, sizeof path, "%s/%s", folder, list[k]->d_name) >= (int)sizeof path)
             status = status_fail(err, SLT_INPUT, "'%s': the path is too long", folder);
-        if (status == SLT_OK) status = image_read(path, opt, &slice, err);
-        if (status == SLT_OK) status = add_slice(out, depth, &slice, path, err);
+        if (status == SLT_OK) status = visit(user, path, err);
         free(list[k]);
     }
     free(list);
     return status;
+}
+
+SltStatus volume_each(const char *path, VolumeVisit *visit, void *user, SltError *err) {
+    return (pattern_in(path).at ? each_of_pattern : each_of_folder)(path, visit, user, err);
+}
+
+typedef struct Stack {
+    const ImageReadOptions *opt;
+    Image *out;
+    int *depth;
+} Stack;
+
+static SltStatus read_slice(void *user, const char *path, SltError *err) {
+    Stack *s = user;
+    Image slice;
+    SltStatus status = image_read(path, s->opt, &slice, err);
+    return status == SLT_OK ? add_slice(s->out, s->depth, &slice, path, err) : status;
 }
 
 /* A picture of slices below each other. */
@@ -152,8 +165,8 @@ SltStatus volume_read(const char *path, const ImageReadOptions *opt, Image *out,
     char extension[16];
     SltStatus status;
     *out = (Image){0}, *depth = 0;
-    if (pattern_in(path).at) status = read_pattern(path, opt, out, depth, err);
-    else if (is_folder(path)) status = read_folder(path, opt, out, depth, err);
+    Stack stack = {opt, out, depth};
+    if (volume_is_stack(path)) status = volume_each(path, read_slice, &stack, err);
     else if (!strcmp(image_path_extension(path, extension), "npy")) status = read_npy(path, out, depth, err);
     else status = read_picture(path, opt, out, depth, err);
     if (status != SLT_OK) image_free(out), *depth = 0;

@@ -10,6 +10,7 @@
 static const uint32_t pilots[] = {32, 8};
 #define PILOT_RATE 0.75 /* the errors of lines fall with about this power of their number */
 #define WIDE 0x1p-8   /* of the largest component: nobody asks where less is stated */
+#define FALLEN 16.0    /* samples on what cells have left, or lines see nothing of it */
 #define WORSE 2.0     /* than the lattice's must the error of cells be */
 
 static double widest(const SltScene *s, const double *error) {
@@ -28,13 +29,12 @@ static bool agrees(const SltScene *s, const double *a, const double *a_error, co
     return true;
 }
 
-/* Lines that met nothing state 0 +- 0 and tell nothing where cells doubt little: of a disc of 1e-6 twice its
- * derivative.
- * TODO: little is measured in units of f and of the domain. */
-static bool met(const double *b, uint64_t n) {
+/* Lines that met nothing state 0 +- 0. Of boundaries that cells have met, and of what they have left between the lines,
+ * as a disc of 1e-6, that tells nothing. */
+static bool is_blind(const double *pilot, uint64_t n, const SltStats *cells, uint64_t samples) {
     for (uint64_t i = 0; i < n; i++)
-        if (b[i] != 0) return true;
-    return false;
+        if (pilot[i] != 0) return false;
+    return cells->crossings || (cells->left > 0 && cells->left * (double)samples < FALLEN);
 }
 
 SltStatus quadrature_turns(const SltScene *s, const SltJob *job, const double *gradient, const double *error,
@@ -60,7 +60,7 @@ SltStatus quadrature_turns(const SltScene *s, const SltJob *job, const double *g
         st = slt_estimate_sampled(s, &j, &out, &own, err);
         stats->evaluations += own.evaluations;
         seen = st == SLT_OK && agrees(s, gradient, error, pilot, pilot + n);
-        *turned = seen && (met(pilot, 2 * n) || cells > WIDE) &&
+        *turned = seen && !is_blind(pilot, 2 * n, stats, j.samples) &&
                   WORSE * widest(s, pilot + n) * pow(pilots[i], -PILOT_RATE) < cells;
     }
     free(pilot);

@@ -76,7 +76,7 @@ uint32_t kink_find(Batch *b, const Apart *apart, const Crossing *const *at, cons
 }
 
 /* ---- is it at the parameters? */
-enum { SPOTS = 8, SHORTER = 8 };
+enum { SPOTS = 8 };
 #define GONE 0.5 /* of what a bend at the parameters would leave after shorter moves */
 
 /* Places about a crossing, along its boundary: as far from each other as roundings there have to do with one another.
@@ -131,7 +131,7 @@ bool kink_is_beside(Batch *b, const Apart *apart, Finer *finer, const Crossing *
     for (uint32_t rung = 0; rung < FINER_RUNGS && !beside; rung++) {
         Apart **a = &finer->apart[rung];
         double most = 0;
-        shorter /= SHORTER;
+        shorter /= FINER_EACH;
         if (!(fabs(whole) * shorter > noise)) break;
         if (!*a && !(*memory = apart_new(b->s, apart->seed, apart->step * shorter, a))) break;
         if (!*a) break;
@@ -172,17 +172,22 @@ static bool same_way(Sink *k, const Crossing *c, uint32_t pair) {
     return same;
 }
 
-/* A corner looks like a kink, but only there. */
+static bool is_beside(Sink *k, const Crossing *c, uint32_t pair) {
+    bool memory = true,
+         beside = kink_is_beside(k->b, k->coincide.apart, &k->coincide.kinks.finer, c, pair, noise(k, c), &memory);
+    k->failed |= !memory;
+    return beside;
+}
+
+/* A corner looks like a kink, but only there: if it is a sharp one, its other side is near a little farther along,
+ * too. */
 static bool is_kink(Sink *k, const Crossing *c, uint32_t pair) {
     Crossing aside;
     const Crossing *at = &aside;
     uint32_t other;
-    bool memory = true;
-    if (!same_way(k, c, pair)) return false;
-    bool beside = kink_is_beside(k->b, k->coincide.apart, &k->coincide.kinks.finer, c, pair, noise(k, c), &memory);
-    k->failed |= !memory;
-    if (beside) return false;
-    return k->b->s->dim == 1 || (coincide_aside(k, c, &aside) && find(k, &at, 1, &other));
+    if (!same_way(k, c, pair) || is_beside(k, c, pair)) return false;
+    return k->b->s->dim == 1 ||
+           (coincide_aside(k, c, &aside) && find(k, &at, 1, &other) && !is_beside(k, &aside, other));
 }
 
 /* g of a [SkipLoop] is that of another iteration where parameters have moved; that of a ray looks past another edge. */

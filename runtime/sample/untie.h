@@ -18,8 +18,8 @@ typedef struct Apart {
     double step;   /* by how much a parameter of size 1 was moved */
     uint32_t seed; /* of the directions */
 } Apart;
-/* Moves that are shorter, each eight times; NULL: not made so far. */
-enum { FINER_RUNGS = 2 };
+/* Moves that are shorter, each FINER_EACH times; NULL: not made so far. */
+enum { FINER_RUNGS = 2, FINER_EACH = 8 };
 typedef struct Finer {
     Apart *apart[FINER_RUNGS];
 } Finer;

@@ -249,6 +249,7 @@ static void write_layout(FILE *out) {
     MEMBER(SltOptions, sandbox);
     MEMBER(SltOptions, language);
     MEMBER(SltOptions, size);
+    MEMBER(SltOptions, lengths);
     END(SltOptions);
     STRUCT(SltDiagnostic);
     MEMBER(SltDiagnostic, struct_size);
@@ -378,6 +379,8 @@ static void write_layout(FILE *out) {
     MEMBER(SltFitOptions, decay);
     MEMBER(SltFitOptions, smooth_faces);
     MEMBER(SltFitOptions, nsmooth_faces);
+    MEMBER(SltFitOptions, first);
+    MEMBER(SltFitOptions, planned);
     END(SltFitOptions);
     ENUM(SltFitStop);
     VALUE(SLT_FIT_RUNNING);

@@ -61,6 +61,41 @@ static void schedules(void **state) {
     }
 }
 
+/* A fit in rounds goes on with the schedule and the random numbers where the last round ended. */
+static void rounds(void **state) {
+    (void)state;
+    static const char noise[] = "param float a = 0.8;\nshader float main(float2 x) { return a * a * rand(); }\n";
+    SltJob job = one_pixel();
+    SltProgram *p = compile(noise);
+    SltFitNumber rate = {NULL, 0};
+    SltFitOptions o = SLT_FIT_OPTIONS_INIT;
+    SltFitResult whole = SLT_FIT_RESULT_INIT, part = SLT_FIT_RESULT_INIT;
+    SltError err;
+    o.job = &job, o.minimize = true, o.optimizer = "sgd", o.rates = &rate, o.nrates = 1, o.iterations = 8;
+    assert_ok(slt_fit(p, &o, &whole, &err));
+    o.iterations = 5, o.first = 3;
+    assert_ok(slt_fit(p, &o, &part, &err));
+    assert_memory_equal(whole.losses + 3, part.losses, 5 * sizeof *part.losses);
+    assert_true(part.losses[0] != part.losses[1]);
+    free(whole.losses), free(part.losses);
+    slt_program_free(p);
+
+    p = compile(bowl);
+    Path path = {0};
+    rate.value = 0.05, o.schedule = SLT_FIT_COSINE, o.planned = 20, o.iterated = walked, o.iterated_user = &path;
+    assert_ok(slt_fit(p, &o, NULL, &err));
+    assert_int_equal(path.n, 5);
+    for (int i = 0; i + 1 < 5; i++) {
+        double factor = (1 + cos(M_PI * (i + 3) / 20)) / 2;
+        assert_float_equal(path.at[i + 1][0] - path.at[i][0], -0.05 * factor * path.gradient[i][0], 1e-7);
+    }
+    o.planned = 7;
+    assert_int_equal(slt_fit(p, &o, NULL, NULL), SLT_USAGE);
+    o.planned = 0, o.first = UINT32_MAX - 2;
+    assert_int_equal(slt_fit(p, &o, NULL, NULL), SLT_USAGE);
+    slt_program_free(p);
+}
+
 static const char discs[] = "struct Disc { float2 centre; float radius; float3 ink; };\n"
                             "param Disc discs[3] = {{float2(0.3), 0.2, float3(0.5)}, {float2(0.5), 0.2, float3(0.2)},\n"
                             "                       {float2(0.7), 0.2, float3(0.9)}};\n"
@@ -329,8 +364,12 @@ static void smooth_volumes_and_meshes(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(schedules),        cmocka_unit_test(patterns),
-                                       cmocka_unit_test(some_views),       cmocka_unit_test(images_between_steps),
-                                       cmocka_unit_test(limits_of_fields), cmocka_unit_test(smooth_volumes_and_meshes)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(schedules),
+                                       cmocka_unit_test(patterns),
+                                       cmocka_unit_test(some_views),
+                                       cmocka_unit_test(images_between_steps),
+                                       cmocka_unit_test(rounds),
+                                       cmocka_unit_test(limits_of_fields),
+                                       cmocka_unit_test(smooth_volumes_and_meshes)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

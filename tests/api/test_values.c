@@ -225,8 +225,44 @@ static void asking_takes_nothing(void **state) {
     free(json);
 }
 
+/* Open arrays have the lengths of the values that are going to be set; nothing else of these is looked at. */
+static void lengths(void **state) {
+    (void)state;
+    static const char source[] =
+        "struct D { float2 c; int tag; };\nparam D ds[] = { { float2(1.0), 1 } };\nparam float v[] = { 1.0, 2.0 };\n"
+        "param float fixed[2] = { 1.0, 2.0 };\nshader float main(float2 x) { return len(ds) + len(v) + fixed[0]; }\n";
+    static const struct {
+        const char *text;
+        uint32_t ds, v;
+    } rows[] = {{"{\"ds\": [{\"c\": [1, 2], \"tag\": 1}, {\"c\": [1, 2], \"tag\": 1}], \"fixed\": [1, 2, 3]}", 2, 2},
+                {" {\"a,]\\\"b\": [{}, \"[\"], \"v\" : [ 1,[2] , {\"x\": [3, 4]}]}", 1, 3},
+                {"{\"v\": 3, \"ds\": {\"v\": [1, 2, 3]}}", 1, 2},
+                {"{\"v\": [1, 2, 3", 1, 2},
+                {"{\"v\": [1, 2, \"3", 1, 2},
+                {"{\"x\": \"\\", 1, 2},
+                {"[1, 2]", 1, 2},
+                {"", 1, 2}};
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        SltOptions opt = SLT_OPTIONS_INIT;
+        char *text = strdup(rows[i].text);
+        SltError err;
+        opt.lengths = text;
+        SltProgram *p = compile_with(source, opt);
+        free(text);
+        if (param(p, "ds").shape[0] != rows[i].ds || param(p, "v").shape[0] != rows[i].v)
+            fail_msg("%s: %u and %u", rows[i].text, param(p, "ds").shape[0], param(p, "v").shape[0]);
+        assert_int_equal(param(p, "fixed").shape[0], 2);
+        if (!i)
+            assert_ok(slt_set_params_json(p, "{\"ds\": [{\"c\": [1, 2], \"tag\": 1}, {\"c\": [3, 4], \"tag\": 5}]}",
+                                          "f", &err));
+        assert_int_equal(slt_ints(p)[param(p, "ds[0].tag").ibase], 1);
+        assert_true(slt_floats(p)[param(p, "v[0]").fbase] == (rows[i].v == 3 ? 0 : 1));
+        slt_program_free(p);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(readers_agree), cmocka_unit_test(asking_takes_nothing),
-                                       cmocka_unit_test(returns), cmocka_unit_test(comma)};
+                                       cmocka_unit_test(returns), cmocka_unit_test(comma), cmocka_unit_test(lengths)};
     return cmocka_run_group_tests(tests, scratch_make, scratch_drop);
 }

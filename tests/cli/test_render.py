@@ -141,6 +141,25 @@ class Basics(Case):
             self.assertNotIn(secret, r.err)
         self.assertFalse(os.path.exists(self.path("elsewhere")))
 
+    def test_sandbox_and_stacks(self):
+        """Slices may be links, each: of a texture3D of the source, and of a scene's target."""
+        self.put("in/v.salt", "param texture3D t = \"st/\";\nshader float main(float3 x) { return t.sample(x); }\n")
+        self.put("in/p.salt", "param texture3D t = \"st/%04d.exr\";\nshader float main(float3 x) { return t.sample(x); }\n")
+        self.put("in/z.salt", "param float a = 1.0;\nshader float main(float3 x) { return a; }\n")
+        self.run_cli("render", "in/z.salt", "--size", "4x4x3", "-o", "in/st/")
+        self.run_cli("render", "in/z.salt", "--size", "4x4x3", "-o", "out/")
+        self.put("in/scene.json", json.dumps({"shader": "z.salt", "size": [4, 4, 3], "target": "st/", "optimizer": {"iters": 1}}))
+        def all_of(code, *sandbox):
+            for args in (("render", "in/v.salt", "--integral"), ("render", "in/p.salt", "--integral"), ("fit", "in/scene.json")):
+                r = self.run_cli(*args, *sandbox, code=code)
+                self.assertEqual("leads out" in r.err, code == 4, r.err)
+        all_of(0, "--sandbox")
+        os.remove(self.path("in/st/0002.exr"))
+        os.symlink("../../out/0002.exr", self.path("in/st/0002.exr"))
+        all_of(4, "--sandbox")
+        all_of(0)
+        self.run_cli("render", "in/v.salt", "--integral", "--sandbox", "--param", "t=@out/")  # what the caller names is the caller's matter
+
     def test_sandbox_that_cannot_be_resolved(self):
         # Names that are too long to resolve can be opened all the same: a link in such a folder led out.
         top = self.dir

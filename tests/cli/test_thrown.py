@@ -61,6 +61,36 @@ class Thrown(Case):
                 self.assertEqual(j["nonfinite"], 0)
                 self.assertTrue(math.isfinite(j["gradient"]["c"]) and j["gradient"]["c"] != 0)
 
+    def test_told(self):
+        """A NaN that makes f NaN needs no guard, in steps that carry it on neither; one that a branch or a later step may throw away does."""
+        body = "param float c[3] = {0.4, 0.2, 0.5};\n[Domain(0.0, 1.0)] shader float main(float2 x) { float t = x.x, q = clamp((x.y - c[1]) / c[2], 0.0, 1.0); for (int i = 0; i < 9; i++) { %s } %s return t * sin(t - c[1]); }"
+        step = "t = clamp(t + 0.1 * sin(q * t) - c[0] * t * q * q, -8.0, 8.0);"
+        guards = {}
+        for name, of in {
+            "told": (step, ""), "an if": ("if (x.x > 0.3) { %s }" % step, ""), "behind": (step, "if (x.x > 0.9) t = 0.3;"), "max": (step, "t = max(0.1, t);"),
+            "carried": ("%s if (i == 4) t = x.y;" % step, ""),
+        }.items():
+            self.put("p.salt", body % of)
+            r = self.run_cli("explain", "p.salt", "--dump", "vjp:cut")
+            text = r.out + r.err
+            self.assertIn("after cut of vjp", text)
+            guards[name] = text.count("= zmul")
+        self.assertLessEqual(guards.pop("told"), 1)  # the infinity of q, which clamp throws away
+        self.assertTrue(all(n > 1 for n in guards.values()), guards)
+        for keeps in "q + x.x", "x.x - q", "q * 0.0", "x.x / q", "q / 0.0", "-q", "abs(q)", "sqrt(q)", "exp(q)", "exp2(q)", "sin(q)", "cos(q)", "min(q, 0.5)", "max(q, 0.5)", "q * x.x + 1.0", "x.x * x.y + q":
+            self.put("p.salt", "param float c = -0.4;\n[Domain(0.0, 1.0)] shader float main(float2 x) { float q = sqrt(c - x.y); return %s; }" % keeps)
+            for args in ((), ("--precision", "f64"), ("--target-cpu", "sse2"), ("--interpret",)):
+                r = self.json_cli("render", "p.salt", "--integral", "--samples", 64, "--estimator", "lattice", "--quiet", *args)
+                self.assertIsNone(r["integral"][0], (keeps, args))
+
+    def test_unasked(self):
+        """f is NaN in half of the pixels, the adjoint 0 there: the derivative is that of the other half."""
+        self.put("p.salt", "param float c = 0.4;\n[Domain(0.0, 1.0)] shader float main(float2 x) { float s = sqrt(x.y - 0.5); return s * c / (s - s * 0.5) * c; }")
+        self.put("a.npy", write_npy((8, 8, 1), [1.0 if i < 32 else 0.0 for i in range(64)]))
+        for args in ((), ("--precision", "f64"), ("--interpret",), ("--width", 1)):
+            j = self.json_cli("grad", "p.salt", "--size", 8, "--adjoint", "a.npy", "--quiet", *args)
+            self.assertLess(abs(j["gradient"]["c"] - 32 * 4 * 0.4), 1e-3, args)
+
     def test_jump(self):
         """A jump where the root begins: its inner side is not a number, and the sides are those of the curve."""
         self.put("p.frag", CUSP)

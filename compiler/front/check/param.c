@@ -182,6 +182,13 @@ static Type *shape_error(Checker *c, const Symbol *sym, const char *text) {
     return c->t_error;
 }
 
+static bool array_limit(Checker *c, const Symbol *sym, uint64_t scalars) {
+    if (scalars <= CHECK_MAX_ARRAY) return true;
+    diag_emit(c->s, DIAG_array_limit, sym->span,
+              arena_printf(&c->s->session, "%llu scalars", (unsigned long long)scalars), "268435456 (2^28)");
+    return false;
+}
+
 /* The sizes of the file against those of the array: elements along the first, the numbers of one element along the
  * rest. */
 static Type *array_from_asset(Checker *c, Symbol *sym, Type *t) {
@@ -206,11 +213,7 @@ static Type *array_from_asset(Checker *c, Symbol *sym, Type *t) {
         return shape_error(c, sym,
                            arena_printf(&s->session, "`%s` has %llu rows, `%s` has %u elements", sym->asset,
                                         (unsigned long long)first, sym->name, t->n));
-    if (total > CHECK_MAX_ARRAY) {
-        diag_emit(s, DIAG_array_limit, sym->span, arena_printf(&s->session, "%llu scalars", (unsigned long long)total),
-                  "268435456 (2^28)");
-        return c->t_error;
-    }
+    if (!array_limit(c, sym, total)) return c->t_error;
     return t->n ? t : type_array(s, t->elem, (uint32_t)first);
 }
 
@@ -328,12 +331,26 @@ static bool param_error(Checker *c, const Symbol *sym, const char *text) {
     return false;
 }
 
+/* An open array whose values the caller has: as many elements as there. */
+static bool sized_by_values(Checker *c, Symbol *sym, bool *ok) {
+    uint64_t n = 0;
+    if (!c->opt || !c->opt->length || !c->opt->length(c->opt->probe_user, sym->doc_name, &n)) return false;
+    sym->sized = true;
+    *ok = n ? n <= UINT32_MAX && array_limit(c, sym, n * type_components(sym->type->elem))
+            : param_error(c, sym, "an array has at least one element, and the values that were given for it have none");
+    if (!n) c->s->bad_input = true;
+    if (*ok) sym->type = type_array(c->s, sym->type->elem, (uint32_t)n);
+    return true;
+}
+
 /* Gives the symbol its value and, where the size is open, its type. */
 static bool param_value(Checker *c, Symbol *sym) {
     Session *s = c->s;
     Type *t = sym->type;
-    bool open = t->kind == T_ARRAY && !t->n;
+    bool open = t->kind == T_ARRAY && !t->n, ok;
+    sym->open = open;
     ParamFile *file = file_override(c, sym->doc_name);
+    if (open && !file && sized_by_values(c, sym, &ok)) return ok;
     if (file && (type_is_resource(t) || open || sym->asset_text)) {
         file->used = true;
         sym->asset = file->path;
@@ -382,7 +399,7 @@ static bool param_value(Checker *c, Symbol *sym) {
             sym->type = ti;
         }
     }
-    bool ok = constant_value(c, sym, sym->type, "the value of a parameter");
+    ok = constant_value(c, sym, sym->type, "the value of a parameter");
     sym->array_init = NULL; /* a parameter is no constant */
     return ok;
 }

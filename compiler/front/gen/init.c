@@ -205,7 +205,7 @@ void gen_initial_values(Lower *l) {
     for (uint32_t i = 0; i < p->nparams; i++) {
         Param *q = &p->params[i];
         Symbol *sym = q->sym;
-        if (param_is_image(q) || sym->asset || sym->zeros) continue;
+        if (param_is_image(q) || sym->asset || sym->zeros || sym->sized) continue;
         ArenaMark mark = arena_mark(&l->s->scratch);
         Filler f = {l, q, p->init_floats + q->fbase, p->init_ints + q->ibase};
         if (sym->init_func) run_init(&f, sym);
