@@ -154,6 +154,8 @@ void cli_wrote(Cli *c, const char *fmt, ...) __attribute__((format(printf, 2, 3)
 /* Compiles the file, standard input or expression, prints diagnostics, sets parameters and wrt. *out must be freed also
  * on failure. */
 int cli_compile(Cli *c, SltProgram **out);
+/* The values of --params and --param again, over others that a scene has set since. */
+int cli_set_values(Cli *c, SltProgram *p);
 void cli_tell(Cli *c, SltProgram *p);            /* prints the diagnostics that are new since the last time */
 int cli_fail(const Cli *c, const SltError *err); /* prints the error, returns its status */
 /* Prints an error on standard error and returns its status: `saltus: text`, with --json one object on a line, in the

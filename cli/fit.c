@@ -58,6 +58,10 @@ static int apply_scene_params(Fit *f) {
             if (status != SLT_OK) return cli_fail(f->c, &err);
         }
     }
+    if (f->c->params_file) { /* to go on from: it wins over where the scene began */
+        int status = cli_set_values(f->c, f->p);
+        if (status != SLT_OK) return status;
+    }
     return f->c->nwrt || fit_choose_wrt(f, &err) == SLT_OK ? SLT_OK : fail_scene(f, &err);
 }
 

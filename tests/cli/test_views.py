@@ -187,6 +187,14 @@ class Views(Case):
         for args in (["--schedule", "slow"], ["--schedule", "exponential=2"], ["--betas", "0.9"], ["--betas", "1,0.9"], ["--views-per-step", 3]):
             self.fit(*args, code=2)
 
+    def test_going_on(self):
+        """What a fit has found (--params) wins over where the scene says that it begins, and --param over both."""
+        self.scene["params"] = {"r": {"value": 0.3}, "gain": {"value": 1, "grad": False}}
+        self.put("found.json", json.dumps({"r": 0.2, "gain": 0.7}))
+        on = self.fit("--iters", 1, "--params", "found.json", "--param", "gain=0.9")
+        self.scene["params"]["r"]["value"], self.scene["params"]["gain"]["value"] = 0.2, 0.9
+        self.assertEqual(on, self.fit("--iters", 1))
+
     def test_patterns(self):
         self.put("s/a.salt", "struct Spot { float2 at; float ink; };\nparam Spot spots[2] = {{float2(0.3), 0.5}, {float2(0.6), 0.8}};\n"
                  "shader float main(float2 x) { float f = 0.1; for (int i = 0; i < 2; i++) { [Disc] if (length(x - spots[i].at) < 0.2) f = spots[i].ink; } return f; }")
