@@ -98,6 +98,8 @@ struct Cli {
     const char *plain_lr;       /* of the command line, for all parameters */
     SltSet faces[CLI_MAX_LIST]; /* of --smooth-faces */
     uint32_t nfaces;
+    SltSet grids[CLI_MAX_LIST]; /* of --smooth-grid */
+    uint32_t ngrids;
     const char *loss;           /* of CLI_LOSSES; NULL: the scene's, or l2 */
     uint32_t views_per_step;    /* 0: all */
     int schedule;               /* SltFitSchedule */

@@ -142,6 +142,15 @@ class Views(Case):
         self.run_cli("fit", "s/scene.json", "--param", "f=[[0,1,2],[2,0,3]]", "--resume", "c.bin", code=4)
         self.scene["params"]["v"]["faces"] = "g"
         self.fit(code=2)
+        # The same four as a grid of two by two, which has other neighbours than a list.
+        self.scene["params"] = {"v": {"smooth": 5, "grid": [2, 2]}}
+        grid = self.fit()
+        self.assertNotEqual(grid["losses"], plain["losses"])
+        self.scene["params"] = {}
+        self.assertEqual(self.fit("--smooth", "v=5", "--smooth-grid", "v=2x2"), grid)
+        for bad, code in (([2, 3], 2), ([4], 4), (4, 4), ([2, 2.5], 4), ([0, 4], 4)):
+            self.scene["params"] = {"v": {"smooth": 5, "grid": bad}}
+            self.assertIn("grid", self.fit(code=code).err)
 
     def test_zero_by_chance(self):
         """A gradient that the first samples make zero is no convergence: here one pixel alone holds the edge."""

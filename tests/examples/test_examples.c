@@ -72,6 +72,7 @@ static const Example examples[] = {
     {"mesh_views/mesh.salt", "", "48x48",
      "--target " EXAMPLES "/mesh_views/target.png --size 32x32 --wrt v --param at=60,15 --lr v=0.003"},
     {"external_loss/discs.salt", "", "48x48", NULL},
+    {"growing_discs/discs.salt", "", "60x40", "--target " EXAMPLES "/growing_discs/photo.png --size 60x40"},
     {"pathtrace/terrain.salt", "--set BOUNCES=1", "24x16", NULL},
     {"pathtrace/soft_sun.salt", "--entry sites --set BOUNCES=0", "24x16", NULL},
     {"pathtrace/soft_sun.salt", "--entry slices --set BOUNCES=0", "24x16", NULL},
