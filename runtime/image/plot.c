@@ -70,9 +70,20 @@ static void find_range(Axis *a, const PlotSeries *series, int count, bool y) {
     a->hi += span * 0.04;
 }
 
+/* Of few decades 1, 2 and 5 of each: powers of ten alone might leave a curve with one number beside it. */
+static void make_ticks_within_decades(Axis *a) {
+    static const double parts[] = {1, 2, 5};
+    for (int d = (int)floor(a->lo); d <= (int)floor(a->hi); d++) {
+        for (int i = 0; i < 3 && a->tick_count < MAX_TICKS; i++) {
+            double tick = d + log10(parts[i]);
+            if (tick >= a->lo && tick <= a->hi) a->ticks[a->tick_count++] = tick;
+        }
+    }
+}
+
 static void make_ticks(Axis *a, int wanted) {
     a->tick_count = 0;
-    if (a->log && a->hi - a->lo >= 0.999) {
+    if (a->log && a->hi - a->lo >= 2.5) {
         int first = (int)ceil(a->lo), last = (int)floor(a->hi);
         a->decade_step = (last - first) / wanted + 1;
         for (int d = first; d <= last && a->tick_count < MAX_TICKS; d++)
@@ -80,6 +91,10 @@ static void make_ticks(Axis *a, int wanted) {
         return;
     }
     a->decade_step = 0;
+    if (a->log && a->hi - a->lo >= 0.999) {
+        make_ticks_within_decades(a);
+        return;
+    }
     double lo = a->log ? pow(10, a->lo) : a->lo, hi = a->log ? pow(10, a->hi) : a->hi;
     double rough = (hi - lo) / wanted, power = pow(10, floor(log10(rough))), step = 10 * power;
     static const double nice[] = {1, 2, 2.5, 5};
