@@ -118,7 +118,7 @@ static void twin_table(SltProgram *p) {
     p->ntwins = depend_twins(p->prog->primal, &p->session->module, &twins);
     p->twins = ARENA_ARRAY(&p->session->module, SltTwins, p->ntwins + 1);
     for (uint32_t t = 0; t < p->ntwins; t++)
-        p->twins[t] = (SltTwins){{twins[t].site[0], twins[t].site[1]}, twins[t].times};
+        p->twins[t] = (SltTwins){{twins[t].site[0], twins[t].site[1]}, twins[t].times, twins[t].indexed};
 }
 
 static void site_tables(SltProgram *p) {

@@ -48,6 +48,7 @@ void depend_sites(Fn *fn, const uint8_t *wrt, uint8_t *site);
 typedef struct Twins {
     uint32_t site[2];
     double times; /* g of the second is so many times that of the first */
+    bool indexed; /* the parameters are those of an iteration */
 } Twins;
 /* How many; *out, in the arena, are they. None of more than 64 sites. Numbers the Fn. */
 uint32_t depend_twins(Fn *fn, Arena *arena, Twins **out);

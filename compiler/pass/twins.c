@@ -2,8 +2,8 @@
  * integral has a kink there: the two go apart both ways, in another order each.
  *
  * Both g are sums of terms of which those that change with the position must be the same but for what does not change
- * with it: two circles with two centres are twins, too. Not where parameters are taken from arrays by the number of an
- * iteration: each pair of iterations would be one to ask. Whether the parameters are equal the runtime asks
+ * with it: two circles with two centres are twins, too. Of parameters that are taken from arrays by the number of an
+ * iteration, d < p[i] and d < q[i], each iteration is one to ask. Whether the parameters are equal the runtime asks
  * (runtime/sample/twins.c). */
 #include "compiler/pass/depend.h"
 #include "compiler/pass/walk.h"
@@ -24,7 +24,8 @@ typedef struct Sum {
 typedef struct Matcher {
     const Depend *of;
     uint32_t fuel;
-    bool moves; /* parameters are different */
+    bool moves;   /* parameters are different */
+    bool indexed; /* some are of arrays, by the number of an iteration */
 } Matcher;
 
 static bool varies(const Matcher *m, const Inst *v) { return m->of[v->id].on & (DEPENDS_X | DEPENDS_RAND); }
@@ -34,7 +35,7 @@ static bool match(Matcher *m, const Inst *u, const Inst *v) {
     if (!m->fuel || u->type != v->type || varies(m, u) != varies(m, v)) return false;
     m->fuel--;
     if (!varies(m, u)) {
-        if (walk_is_indexed(u, DEEP) || walk_is_indexed(v, DEEP)) return false;
+        m->indexed |= walk_is_indexed(u, DEEP) || walk_is_indexed(v, DEEP);
         m->moves |= ((m->of[u->id].on | m->of[v->id].on) & DEPENDS_PARAM) != 0;
         return !ir_is_const(u) || !ir_is_const(v) || u->imm.f == v->imm.f;
     }
@@ -77,22 +78,22 @@ static bool match_terms(Matcher *m, const Term *s, const Term *t) {
 }
 
 /* Are the parts that do not change with the position made of different parameters? */
-static bool parts(const Matcher *m, const Sum *s, const Sum *t, double ratio) {
+static bool parts(Matcher *m, const Sum *s, const Sum *t, double ratio) {
     bool same = s->nstill == t->nstill, moves = false;
     for (uint32_t i = 0; i < s->nstill; i++) {
-        if (walk_is_indexed(s->still[i].a, DEEP)) return false;
+        m->indexed |= walk_is_indexed(s->still[i].a, DEEP);
         moves |= (m->of[s->still[i].a->id].on & DEPENDS_PARAM) != 0;
         same &= i < t->nstill && s->still[i].a == t->still[i].a && ratio * s->still[i].factor == t->still[i].factor;
     }
     for (uint32_t i = 0; i < t->nstill; i++) {
-        if (walk_is_indexed(t->still[i].a, DEEP)) return false;
+        m->indexed |= walk_is_indexed(t->still[i].a, DEEP);
         moves |= (m->of[t->still[i].a->id].on & DEPENDS_PARAM) != 0;
     }
     return moves && !same;
 }
 
 /* g of q is so many times that of p; 0: they are no twins. */
-static double ratio_of(const Depend *of, const Inst *p, const Inst *q) {
+static double ratio_of(const Depend *of, const Inst *p, const Inst *q, bool *indexed) {
     Matcher m = {.of = of, .fuel = FUEL};
     Sum s = {0}, t = {0};
     double ratio = 0;
@@ -109,7 +110,9 @@ static double ratio_of(const Depend *of, const Inst *p, const Inst *q) {
         }
         if (k == t.n) return 0;
     }
-    return m.moves || parts(&m, &s, &t, ratio) ? ratio : 0;
+    bool twins = parts(&m, &s, &t, ratio) || m.moves;
+    *indexed = m.indexed;
+    return twins ? ratio : 0;
 }
 
 typedef struct Found {
@@ -145,9 +148,10 @@ uint32_t depend_twins(Fn *fn, Arena *arena, Twins **out) {
     for (uint32_t i = 1; i < f.n; i++)
         for (uint32_t k = 0; k < i; k++) {
             const Inst *p = f.site[k], *q = f.site[i];
-            double times = is_beside(p, q) ? ratio_of(of, p->args[1], q->args[1]) : 0;
+            bool indexed = false;
+            double times = is_beside(p, q) ? ratio_of(of, p->args[1], q->args[1], &indexed) : 0;
             if (times == 0) continue;
-            (*out)[n++] = (Twins){{(uint32_t)p->imm.i, (uint32_t)q->imm.i}, times};
+            (*out)[n++] = (Twins){{(uint32_t)p->imm.i, (uint32_t)q->imm.i}, times, indexed};
         }
     arena_reset(&fn->session->scratch, mark);
     return n;

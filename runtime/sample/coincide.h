@@ -12,10 +12,11 @@ typedef struct Kinks {
     uint32_t n[UNTIE_WAYS / 2];
 } Kinks;
 typedef struct Coincide {
-    const Apart *apart;    /* scenes with moved parameters; NULL: nothing is looked for */
-    const uint8_t *tied;   /* [sites]: not 0 where another site's g is the same, but for other parameters; NULL: of none */
-    bool no_kinks;         /* of one g: in small parts of a domain its corners are never far */
-    Untie *untie;          /* NULL: not needed so far */
+    const Apart *apart; /* scenes with moved parameters; NULL: nothing is looked for */
+    const uint8_t
+        *tied;     /* [sites]: not 0 where another site's g is the same, but for other parameters; NULL: of none */
+    bool no_kinks; /* of one g: in small parts of a domain its corners are never far */
+    Untie *untie;  /* NULL: not needed so far */
     Crossing *part, *half; /* [nparts], [nhalves]: of crossings that were untied the parts, and their errors */
     uint32_t nparts, nhalves, part_cap, half_cap;
     Kinks kinks;

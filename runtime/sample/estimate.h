@@ -40,6 +40,7 @@ typedef enum SltUpset {
 typedef struct SltTwins {
     uint32_t site[2];
     double times; /* g of the second is so many times that of the first */
+    bool indexed; /* the parameters are those of an iteration */
 } SltTwins;
 
 typedef struct SltScene {

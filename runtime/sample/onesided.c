@@ -6,7 +6,8 @@
  * directions. The middle is given, and half of how far they are apart is stated.
  *
  * That is done where crossings have told of a kink, where two sites have one g (twins.c), or where a boundary lies on
- * the border: the region is another beyond it, some units in the last place away. Elsewhere nothing is asked twice. */
+ * the border: the region is another beyond it, some units in the last place away. In the latter two cases one
+ * direction is tried first. Elsewhere nothing is asked twice. */
 #include "runtime/sample/onesided.h"
 
 #include <float.h>
@@ -24,6 +25,7 @@ enum {
     DIRECTIONS = 4,
     MOST_FLOATS = 1 << 16,   /* a program with more is not asked, */
     LEAST_SAMPLES = 1 << 12, /* and of fewer samples, or lines, nobody expects it to cost no more */
+    ENOUGH = 1 << 16,        /* of what cells may cost, in samples of a lattice that costs as much */
     PLACES = 6,              /* of a face of the domain */
     BEYOND = 8               /* units in the last place */
 };
@@ -108,11 +110,11 @@ static SltStatus suspect(const SltScene *s, const SltJob *j, SltPlace *at, bool 
 }
 
 /* ---- beside it */
-static bool sides_begin(Sides *q, const SltScene *s) {
+static bool sides_begin(Sides *q, const SltScene *s, bool look) {
     uint32_t active = 0;
     for (uint32_t p = 0; p < s->nfloats; p++) active += is_active(s, p);
-    *q = (Sides){.s = s, .n = (uint64_t)s->channels * s->nfloats, .one_by_one = active <= ONE_BY_ONE};
-    q->moves = 2 * (q->one_by_one ? active : DIRECTIONS);
+    *q = (Sides){.s = s, .n = (uint64_t)s->channels * s->nfloats, .one_by_one = !look && active <= ONE_BY_ONE};
+    q->moves = look ? 2 : 2 * (q->one_by_one ? active : DIRECTIONS);
     q->parameter = alloc_zero(active, sizeof *q->parameter);
     q->lo = alloc_zero(5 * q->n, sizeof *q->lo);
     if (!q->lo || !q->parameter) return false;
@@ -167,7 +169,7 @@ static SltStatus run_moves(Sides *q, const SltJob *job, SltEstimator by, SltStat
     double start = pool_now();
     SltStatus st = SLT_OK;
     q->alike = by != SLT_EST_QUADRATURE;
-    uint64_t share = q->alike ? q->moves : 1;
+    uint64_t share = q->alike ? q->moves : j.samples / ENOUGH + 1;
     j.estimator = by, j.error = j.abs_error = 0, j.progress = NULL;
     j.samples = j.samples / share > LEAST_SAMPLES ? j.samples / share : LEAST_SAMPLES;
     if (j.segments) j.segments = j.segments / share > LEAST_SAMPLES ? j.segments / share : LEAST_SAMPLES;
@@ -211,6 +213,21 @@ static bool give(const Sides *q, SltIntegral *out) {
     return any;
 }
 
+/* Forth and back along one direction: does any derivative differ? */
+static SltStatus look(const SltScene *s, const SltJob *j, SltEstimator by, bool *differs, SltStats *stats,
+                      SltError *err) {
+    Sides q;
+    double most = 0;
+    SltStatus st = sides_begin(&q, s, true) ? SLT_OK : status_fail(err, SLT_LIMIT, "out of memory");
+    if (st == SLT_OK) st = run_moves(&q, j, by, stats, err);
+    *differs = false;
+    for (uint64_t i = 0; i < q.n && st == SLT_OK; i++) most = fmax(most, fmax(fabs(q.lo[i]), fabs(q.hi[i])));
+    for (uint64_t i = 0; i < q.n && st == SLT_OK; i++)
+        *differs |= q.hi[i] - q.lo[i] > 2 * fmax(BENT * most, SURE * q.error[i]);
+    sides_end(&q);
+    return st;
+}
+
 SltStatus onesided_add(const SltScene *s, const SltJob *j, SltEstimator by, SltIntegral *out, SltStats *stats,
                        SltError *err) {
     SltPlace border = {.known = false};
@@ -223,8 +240,9 @@ SltStatus onesided_add(const SltScene *s, const SltJob *j, SltEstimator by, SltI
         return SLT_OK;
     bool told = may;
     if (!may) st = suspect(s, j, &border, &may, &alike, stats, err);
+    if (st == SLT_OK && may && !told) st = look(s, j, by, &may, stats, err);
     if (st != SLT_OK || !may) return st;
-    if (!sides_begin(&q, s)) st = status_fail(err, SLT_LIMIT, "out of memory");
+    if (!sides_begin(&q, s, false)) st = status_fail(err, SLT_LIMIT, "out of memory");
     q.told = told;
     if (st == SLT_OK) st = run_moves(&q, j, by, stats, err);
     if (st == SLT_OK && give(&q, out) && !*counted && (border.known || alike))

@@ -8,12 +8,14 @@
 #include "runtime/sample/alloc.h"
 #include "runtime/sample/run.h"
 
-enum { PLACES = 4 };
+enum { PLACES = 4, ITERATIONS = 16 };
 #define ROUNDING 16 /* units in the last place of the largest g */
 
-static void take(Batch *b, uint32_t site, double g[PLACES]) {
+/* In iteration k of all loops around it. */
+static void take(Batch *b, uint32_t site, int32_t k, double g[PLACES]) {
     static const double part[3] = {0.7548776662466927, 0.5698402909980532, 0.3819660112501051};
     Event e = {.site = (int32_t)site};
+    for (uint32_t d = 0; d < SLT_MAX_K; d++) e.k[d] = k;
     b->args.site = e.site;
     for (uint32_t i = 0; i < PLACES; i++) {
         double x[3] = {0};
@@ -51,11 +53,15 @@ bool twins_begin(Run *r) {
     b->args.cull = NULL;
     for (uint32_t t = 0, of = UINT32_MAX; t < s->ntwins; t++) {
         const SltTwins *w = &s->twins[t];
-        if (w->site[1] != of) take(b, of = w->site[1], h);
-        take(b, w->site[0], g);
-        if (!are_one(g, h, w->times, unit)) continue;
-        any = true;
-        for (int i = 0; i < 2; i++) tied[w->site[i]] |= w->times > 0 ? TWINS_ALIKE : TWINS_OPPOSED;
+        bool one = false;
+        for (int32_t k = 0; k < (w->indexed ? ITERATIONS : 1) && !one; k++) {
+            if (w->indexed || w->site[1] != of) take(b, w->site[1], k, h);
+            of = w->indexed ? UINT32_MAX : w->site[1];
+            take(b, w->site[0], k, g);
+            one = are_one(g, h, w->times, unit);
+        }
+        any |= one;
+        for (int i = 0; i < 2 && one; i++) tied[w->site[i]] |= w->times > 0 ? TWINS_ALIKE : TWINS_OPPOSED;
     }
     b->args.cull = lists;
     if (any) r->tied = tied;
