@@ -107,7 +107,8 @@ struct Cli {
     const char *loss_entry; /* a function of the shader */
     double huber_delta;     /* 0: the default */
     const char *loss_command;
-    bool allow_commands; /* of scenes */
+    bool allow_commands;            /* of scenes */
+    uint32_t first_seed, last_seed; /* of --seeds; 0: not given */
     const char *round_command;
     uint32_t round_iters; /* 0: no rounds, or the scene's */
     double loss_timeout;

@@ -218,6 +218,8 @@ static SltStatus next_round(Fit *f, const Round **then, SltFit **fit, SltError *
     SltStatus status = fit_change(f, *then, err);
     bool begun = false;
     if (status == SLT_OK) {
+        f->round_ends = cli_need(realloc(f->round_ends, (f->round + 1) * sizeof *f->round_ends));
+        f->round_ends[f->round] = f->result.iterations;
         f->round++;
         status = begin(f, fit_round(f, then), fit, err);
         begun = status == SLT_OK;
@@ -269,9 +271,11 @@ static int run(Fit *f) {
     }
     progress_begin(&f->progress, c, "fit");
     status = run_rounds(f, fit, then, pictures, &err);
+    if (c->first_seed && status == SLT_OK) return loss_stop(f->loss), SLT_OK; /* more are to come */
     progress_end(&f->progress);
     loss_stop(f->loss);
     if (status != SLT_OK && *err.text) report(f, &err);
+    if (c->first_seed) return status;
     if (!has_outcome(f, status)) return status;
     if (!c->quiet) cli_tell(c, f->p);
     report_dropped(c, &f->stats);
@@ -303,7 +307,7 @@ static int fit(Fit *f) {
     return run(f);
 }
 
-int verb_fit(Cli *c) {
+static int fit_once(Cli *c, double *loss) {
     Fit f = {.c = c, .opt = SLT_FIT_OPTIONS_INIT, .result = SLT_FIT_RESULT_INIT, .stats = SLT_STATS_INIT};
     int status = SLT_OK;
     const char *scene_file = c->file;
@@ -318,7 +322,9 @@ int verb_fit(Cli *c) {
     if (status == SLT_OK && fit_size_of_target(&f, size, &later) == SLT_OK && size[0])
         c->opt.size[0] = size[0], c->opt.size[1] = size[1];
     if (status == SLT_OK) status = cli_compile(c, &f.p);
+    if (c->first_seed) c->output = NULL;
     if (status == SLT_OK) status = fit(&f);
+    *loss = f.result.loss;
     fit_free_pictures(&f);
     for (uint32_t k = 0; k < f.opt.nrate_masks; k++) free((void *)f.masks[k].factors);
     free(f.views);
@@ -327,6 +333,7 @@ int verb_fit(Cli *c) {
     free(f.smooth);
     free(f.result.losses);
     free(f.slopes);
+    free(f.round_ends);
     free(f.kept);
     slt_program_free(f.p);
     for (uint32_t k = 0; k < f.nentries; k++) slt_program_free(f.entries[k]);
@@ -334,4 +341,9 @@ int verb_fit(Cli *c) {
     if (c->file == f.scene.shader) c->file = scene_file;
     scene_free(&f.scene);
     return status;
+}
+
+int verb_fit(Cli *c) {
+    double loss;
+    return c->first_seed ? fit_seeds(c, fit_once) : fit_once(c, &loss);
 }

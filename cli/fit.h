@@ -79,6 +79,7 @@ typedef struct Fit {
     uint32_t nframes;
     double start;
     uint32_t round, first; /* rounds that are done, and the iterations that they had */
+    uint32_t *round_ends;  /* [round]: evaluations up to the end of each */
     double *slopes;        /* [floats]: of |dL/dp|, the sum and then the mean over a round; NULL: there are no rounds */
     char *kept;            /* the parameters before the last program changed them; NULL: none has */
     SltFitResult result;   /* of all rounds; `loss` of the last */
@@ -91,6 +92,9 @@ int scene_read(Cli *c, const char *path, Scene *scene);
 void scene_free(Scene *scene);
 char *scene_keep(Scene *s, char *text); /* gives text (malloc'd) to the scene; returns it */
 bool scene_is(const char *file);        /* is the file a scene, by its extension? */
+
+/* fit_seeds.c: calls `once` by each of the seeds, and reports on the losses. */
+int fit_seeds(Cli *c, int (*once)(Cli *c, double *loss));
 
 /* fit.c: what the options and the scene say is optimised. */
 SltStatus fit_choose_wrt(Fit *f, SltError *err);

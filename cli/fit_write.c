@@ -76,30 +76,53 @@ static SltStatus write_grids(Fit *f, SltError *err) {
     return SLT_OK;
 }
 
-static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
-    char path[4096];
-    const char *dir = f->c->output;
-    SltStatus s = fit_join(path, sizeof path, dir, "fitted.json", err);
-    if (s == SLT_OK) s = file_write_atomic(path, json, strlen(json), err);
-    double *x = malloc((f->result.iterations + 1) * sizeof *x);
-    for (uint32_t i = 0; x && i < f->result.iterations; i++) x[i] = i + 1;
-    PlotSeries series = {.name = "loss", .x = x, .y = f->result.losses, .count = (int)f->result.iterations};
-    PlotOptions plot = {.title = "loss", .x_label = "iteration", .y_label = "loss", .log_y = true};
-    char *svg = s == SLT_OK && x && f->result.iterations ? plot_svg(&plot, &series, 1, err) : NULL;
-    if (s == SLT_OK && !svg && f->result.iterations) s = x ? err->status : status_fail(err, SLT_LIMIT, "out of memory");
-    if (svg && (s = fit_join(path, sizeof path, dir, "loss.svg", err)) == SLT_OK)
-        s = file_write_atomic(path, svg, strlen(svg), err);
-    free(svg);
+/* The loss over the iterations, with a line where a program changed the parameters; malloc'd. */
+static char *plot_losses(const Fit *f, SltError *err) {
+    enum { WIDTH = 480, HEIGHT = 300 };
+    uint32_t n = f->result.iterations, rounds = f->scene.nrounds ? f->round : 0;
+    double *x = cli_need(malloc((n + 6 * rounds + 1) * sizeof *x)), *ends = x + n, *heights = ends + 3 * rounds;
+    double least = INFINITY, most = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        double v = f->result.losses[i];
+        x[i] = i + 1;
+        if (v > 0 && isfinite(v)) least = fmin(least, v), most = fmax(most, v);
+    }
+    for (uint32_t k = 0; k < 3 * rounds; k++) { /* what is not finite breaks the line */
+        ends[k] = f->round_ends[k / 3] + 0.5;
+        heights[k] = k % 3 == 0 ? least : k % 3 == 1 ? most : NAN;
+    }
+    PlotSeries series[2] = {{.x = x, .y = f->result.losses, .count = (int)n},
+                            {.x = ends, .y = heights, .count = (int)(3 * rounds), .dashed = true}};
+    PlotOptions plot = {.x_label = "iteration", .y_label = "loss", .log_y = true, .width = WIDTH, .height = HEIGHT};
+    char *svg = plot_svg(&plot, series, rounds ? 2 : 1, err);
     free(x);
+    return svg;
+}
+
+static SltStatus write_text(const char *dir, const char *name, const char *text, size_t size, SltError *err) {
+    char path[4096];
+    SltStatus s = fit_join(path, sizeof path, dir, name, err);
+    return s == SLT_OK ? file_write_atomic(path, text, size, err) : s;
+}
+
+static SltStatus write_losses(const Fit *f, SltError *err) {
     Text text;
     FILE *out = text_open(&text);
     if (out) fputs("iteration,loss\n", out);
     for (uint32_t i = 0; out && i < f->result.iterations; i++) fprintf(out, "%u,%.17g\n", i + 1, f->result.losses[i]);
-    char *csv = text_close(&text);
-    if (s == SLT_OK && !csv) s = status_fail(err, SLT_LIMIT, "out of memory");
-    if (s == SLT_OK && (s = fit_join(path, sizeof path, dir, "loss.csv", err)) == SLT_OK)
-        s = file_write_atomic(path, csv, text.size, err);
+    char *csv = text_close(&text), *svg = f->result.iterations ? plot_losses(f, err) : NULL;
+    SltStatus s = csv ? SLT_OK : status_fail(err, SLT_LIMIT, "out of memory");
+    if (s == SLT_OK) s = write_text(f->c->output, "loss.csv", csv, text.size, err);
+    if (s == SLT_OK && f->result.iterations)
+        s = svg ? write_text(f->c->output, "loss.svg", svg, strlen(svg), err) : err->status;
     free(csv);
+    free(svg);
+    return s;
+}
+
+static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
+    SltStatus s = write_text(f->c->output, "fitted.json", json, strlen(json), err);
+    if (s == SLT_OK) s = write_losses(f, err);
     if (s == SLT_OK) s = write_grids(f, err);
     return s == SLT_OK && !f->c->minimize ? fit_write_pictures(f, err) : s;
 }

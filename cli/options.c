@@ -280,6 +280,18 @@ static int set_betas(Cli *c, const Option *o, const char *v) {
     return SLT_OK;
 }
 
+static int set_seeds(Cli *c, const Option *o, const char *v) {
+    char text[32];
+    const char *dots = strstr(v, "..");
+    uint64_t first = 1, last;
+    snprintf(text, sizeof text, "%.*s", dots ? (int)(dots - v < 31 ? dots - v : 31) : 0, v);
+    if ((dots && !parse_whole(text, 1, UINT32_MAX, &first)) ||
+        !parse_whole(dots ? dots + 2 : v, 1, UINT32_MAX, &last) || last < first || last - first >= 1000)
+        return cli_usage(c, "%s: N or A..B is wanted, of at most 1000 whole numbers from 1 on, not `%s`", o->name, v);
+    c->first_seed = (uint32_t)first, c->last_seed = (uint32_t)last;
+    return SLT_OK;
+}
+
 static int set_verify(Cli *c, const Option *o, const char *v) {
     (void)o;
     if (v) c->opt.verify_after = v;

@@ -70,7 +70,7 @@ static const SltPlace *coincident_text(const SltStats *s, char *buf, size_t size
     const char *text = s->dropped_at[SLT_DROP_COINCIDENT].text;
     snprintf(
         buf, size,
-        "boundaries coincide and move apart: the integral has no derivative there; what is printed lies halfway "
+        "boundaries coincide and move apart, or one lies on the domain's border: the integral has no derivative there; what is printed lies halfway "
         "between those to the two sides, half their difference is part of the error (%llu places%s%s%s; `saltus explain "
         "coincident`)",
         (unsigned long long)n, text ? ", `" : "", text ? text : "", text ? "`" : "");

@@ -1,5 +1,6 @@
 /* Estimating: each call makes sure of its kernels and hands the scene to the runtime. */
 #include <math.h>
+#include <stdlib.h>
 
 #include "bindings/c/api.h"
 #include "bindings/c/place.h"
@@ -185,6 +186,14 @@ SltStatus slt_grad_loss(SltProgram *p, const SltJob *job, const float *target, c
     return api_call_end(&c, s);
 }
 
+/* Small things that no line has met: bounds find them, and are compiled for nothing else. */
+static SltStatus add_unmet(ApiCall *c, SltIntegral *out) {
+    static const bool bounds[K_KINDS] = {[K_BOUNDS] = true};
+    if (!slt_estimate_has_unmet(&c->p->scene) || !out->gradient_stderr) return SLT_OK;
+    SltStatus s = api_call_kernels(c, bounds);
+    return s == SLT_OK ? slt_estimate_unmet(&c->p->scene, &c->job, out, c->stats, c->err) : s;
+}
+
 SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
     SltIntegral wanted = SLT_INTEGRAL_INIT;
     if (!api_struct_read(&wanted, sizeof wanted, out)) return api_struct_unknown(err, "SltIntegral");
@@ -192,7 +201,12 @@ SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, 
     SltStatus s = begin_gradient(&c, p, job, false, stats, err);
     if (s == SLT_OK) note_ulps(&c, true);
     uint64_t before = counted(&c);
+    uint8_t *met = s == SLT_OK ? calloc(p->scene.nsites + 1, 1) : NULL;
+    p->scene.met = met; /* without memory nobody asks */
     if (s == SLT_OK) s = slt_estimate_integral(&p->scene, &c.job, &wanted, c.stats, err);
+    if (s == SLT_OK) s = add_unmet(&c, &wanted);
+    p->scene.met = NULL;
+    free(met);
     bool derives = wanted.gradient || wanted.gradient_stderr;
     if (s == SLT_OK && derives) s = api_steep(&c, &wanted, spent(&c, before));
     c.job.integral = true;

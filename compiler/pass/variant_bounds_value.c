@@ -244,10 +244,12 @@ static void siten_value(Boxes *x, Builder *b, const Inst *i) {
     } else {
         Boxed p = value_of(x, of->args[0]), q;
         q = of->nargs > 1 ? value_of(x, of->args[1]) : p;
-        Inst *open = ir_bound_events(b, (Op)of->op, (Bound[]){p.is, q.is}, of->nargs, 0).bends;
+        BoundEvents events = ir_bound_events(b, (Op)of->op, (Bound[]){p.is, q.is}, of->nargs, 0);
+        bool chooses = of->op == OP_fmin || of->op == OP_fmax;
+        Inst *open = of->op == OP_fatan2 ? events.jumps : events.bends;
         Inst *event = !open ? NULL : record(x, b, i, open, p.is, q.is, NULL, NULL, NULL);
         Inst *any = open_union(b, event, open_union(b, p.open, q.open));
-        v.open = open && of->nargs > 1 ? open_unless_settled(b, of->op, open, any, p, q) : any;
+        v.open = open && chooses ? open_unless_settled(b, of->op, open, any, p, q) : any;
     }
     x->value[i->id] = v;
 }

@@ -11,6 +11,8 @@
  *
  * Events of more than SLT_GIVEN_K loops are not given (roundings: one less), nor decisions whose g does not tell them
  * by its sign: a caller who gives one gets the g that it had. */
+#include <math.h>
+
 #include "compiler/pass/variant.h"
 
 typedef struct Giver {
@@ -68,9 +70,14 @@ static Inst *rounded(Builder *b, SiteKind kind, Inst *boundary, Inst *below) {
 }
 
 /* What a minimum or its kin is where its g, the difference of its arguments in either order (a maximum of the same two
- * may have come first, and lent its edge), is below 0 or is not; NULL: g does not tell. */
+ * may have come first, and lent its edge), is below 0 or is not, and an angle where its y is; NULL: g does not tell. */
 static Inst *chosen(Builder *b, const Inst *of, const Inst *g, Inst *below) {
     Inst *p = of->args[0], *q = of->nargs > 1 ? of->args[1] : NULL;
+    if (of->op == OP_fatan2) { /* behind its cut, where x < 0, an angle goes on */
+        Inst *turned = ir_emit2(b, OP_fatan2, ir_emit1(b, OP_fneg, p), ir_emit1(b, OP_fneg, q));
+        Inst *half = ir_constf(b, M_PI);
+        return ir_select(b, below, ir_emit2(b, OP_fsub, turned, half), ir_emit2(b, OP_fadd, turned, half));
+    }
     if (of->op == OP_fabs) return g == p ? ir_select(b, below, ir_emit1(b, OP_fneg, p), p) : NULL;
     bool first = is_difference(g, p, q);
     if (!first && !is_difference(g, q, p)) return NULL;
@@ -82,7 +89,7 @@ static void give(const Giver *s, Inst *site) {
     bool integer = rounds(s, site);
     if (site->nargs + integer > 2 + SLT_GIVEN_K || (!integer && kind != SITE_COMPARE)) return;
     Inst *of = site->args[0], *given, *below, *value, *boundary = NULL;
-    bool truth = true, choice = of->op == OP_fmin || of->op == OP_fmax || of->op == OP_fabs;
+    bool truth = true, choice = of->op == OP_fmin || of->op == OP_fmax || of->op == OP_fabs || of->op == OP_fatan2;
     if (site->op == OP_site ? !truth_below(of, site->args[1], &truth) : !choice && !integer) return;
     Builder b = ir_before(s->fn, site);
     b.span = site->span;

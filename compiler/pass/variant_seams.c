@@ -1,10 +1,10 @@
 /* Seams: the places where f, or a g, may jump or bend though no [Disc] says so, as sites of a clone of the primal.
  *
  * A comparison of floats that decides anything gets a site like a tagged one (g = a - b); a rounding, or the conversion
- * to an integer, a siten. Minima, maxima and absolute values keep their row: a siten of kind COMPARE passes the value
- * on and has the difference as its g. Numbers begin behind the real sites; where two operands are compared twice, both
- * places have one number, for there is one curve. Only `bounds`, `edge` and `edge_bounds` are cut from this clone: no
- * other kernel knows seams.
+ * to an integer, a siten. Minima, maxima, absolute values and angles keep their row: a siten of kind COMPARE passes the
+ * value on and has the difference as its g, that of an angle y. Numbers begin behind the real sites; where two operands
+ * are compared twice, both places have one number, for there is one curve. Only `bounds`, `edge` and `edge_bounds` are
+ * cut from this clone: no other kernel knows seams.
  *
  * `edge` has code for each of them, at worst the whole program: above EDGES of them, or COST operations, bends stay
  * what they are, then jumps too. */
@@ -59,6 +59,7 @@ static Class class_of(const Seams *s, const Inst *i) {
     case OP_fceil:
     case OP_fround:
     case OP_ftrunc: return s->decides[i->id] && moves(s, i) ? CLASS_JUMP : CLASS_NONE;
+    case OP_fatan2: return moves(s, i) ? CLASS_JUMP : CLASS_NONE;
     case OP_fmin:
     case OP_fmax:
     case OP_fabs: return moves(s, i) ? CLASS_BEND : CLASS_NONE;
@@ -181,7 +182,7 @@ static Inst *add_site(Seams *s, Builder *b, Op op, Inst *of, Inst *g, uint32_t e
 }
 
 static void make_seam(Seams *s, Inst *i) {
-    Inst *p = i->args[0], *q = i->nargs > 1 ? i->args[1] : NULL;
+    Inst *p = i->args[0], *q = i->nargs > 1 && i->op != OP_fatan2 ? i->args[1] : NULL; /* its cut lies where y is 0 */
     if (i->op == OP_f2i || i->op == OP_f2u) {
         Builder b = ir_before(s->fn, i);
         ir_replace_arg(i, 0, add_site(s, &b, OP_siten, ir_emit1(&b, OP_ftrunc, p), p, new_edge(s, i)));

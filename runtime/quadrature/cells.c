@@ -309,6 +309,16 @@ static bool judge(Cells *c, Cell *cell) {
     return true;
 }
 
+/* Which way an angle turns where its y is 0 goes by the sign of the 0, which bounds cannot tell: it lies in the gap. */
+static void clear_zero(const Cells *c, const Box *box, Root *r, const double near[2], const double far[2]) {
+    int32_t edge = r->of->event.site;
+    if ((uint32_t)edge < c->s->nsites || (uint32_t)edge >= c->s->nedges || !c->s->edge_kind) return;
+    if (c->s->edge_kind[edge] != SLT_SITE_COMPARE || (c->s->edge_bends && c->s->edge_bends[edge])) return;
+    double lo = cells_next(c, r->lo, -HUGE_VAL), hi = cells_next(c, r->hi, HUGE_VAL);
+    if ((near[0] == 0 || near[1] == 0) && lo > box->lo[r->axis]) r->lo = lo;
+    if ((far[0] == 0 || far[1] == 0) && hi < box->end[r->axis]) r->hi = hi;
+}
+
 /* Beside the gap g has one sign all over the two faces, however it is rounded there; else the parts would not be
  * settled. Of one that does not the bracket becomes empty. */
 static bool check_faces(Cells *c) {
@@ -325,10 +335,14 @@ static bool check_faces(Cells *c) {
         r++;
     }
     if (!cells_run_asks(c)) return false;
-    for (uint32_t i = 0; i < c->nroot; i++) {
-        const Ask *near = &c->ask[2 * i], *far = near + 1;
+    for (uint32_t i = 0, k = 0; i < c->ncell; i++) {
+        if (c->cell[i].cut < 0) continue;
+        Root *root = &c->root[k];
+        const Ask *near = &c->ask[2 * k], *far = near + 1;
         bool settled = (near->g[1] < 0 && far->g[0] >= 0) || (near->g[0] >= 0 && far->g[1] < 0);
-        if (!settled) c->root[i].hi = c->root[i].lo;
+        if (!settled) root->hi = root->lo;
+        else clear_zero(c, &c->cell[i].box, root, near->g, far->g);
+        k++;
     }
     return true;
 }
@@ -453,8 +467,7 @@ static bool work(Cells *c, const Node *node, uint32_t nodes) {
     for (uint32_t i = 0; i < nodes; i++)
         if (!is_coarse(c, &node[i])) split(c, &node[i].box, &node[i], i, node[i].whole);
     c->nhalves = c->ncell;
-    cells_bound_halves(c);
-    if (!cells_close(c, c->cell, c->nhalves)) return false;
+    if (!cells_bound_halves(c) || !cells_close(c, c->cell, c->nhalves)) return false;
     for (uint32_t i = 0; i < c->nhalves; i++)
         if (!judge(c, &c->cell[i])) return false;
     const uint32_t halves = c->nhalves;

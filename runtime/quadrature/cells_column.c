@@ -16,8 +16,6 @@ void cells_flush(Cells *c) {
     cells_flush_points(c);
 }
 
-#define AIM 0.1 /* of the tolerance: how far apart rules that are chosen should be */
-
 /* ---- columns */
 static Column *add_column(Cells *c, uint32_t piece, uint8_t rule, const double x[3], double weight) {
     if (!CELLS_ROOM(c, column, 1)) return NULL;
@@ -225,7 +223,8 @@ static bool add_roots(Cells *c, uint32_t piece, Column *k, double along) {
     for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) {
         const PieceEdge *edge = &p->edge[e];
         bool known = along == 0 && (p->base < 0 || k->x[p->base] == edge->at);
-        if (!add_root(c, k, e, known ? edge->height : guess_beside(c, p, e, k->x[p->base]))) return false;
+        bool told = c->cell[p->cell].edge[e].quadric.is; /* wherever it begins */
+        if (!add_root(c, k, e, known || told ? edge->height : guess_beside(c, p, e, k->x[p->base]))) return false;
         Root *r = &c->root[c->nroot - 1];
         r->twin = edge->twin, r->wanted = edge->open, r->tie = edge->tie;
         r->band = edge->band;
@@ -241,31 +240,9 @@ static bool add_roots(Cells *c, uint32_t piece, Column *k, double along) {
 
 static double length_of(const Piece *p) { return p->base < 0 ? 0 : p->at[p->base][1] - p->at[p->base][0]; }
 
-/* Points that make two rules agree on a piece whose curves bend like those before it: a rule of n points errs by
- * (length * bend)^2n. Planes of a solid have points in common, and f between curves may need more than these do. */
-static void choose_points(const Cells *c, Piece *p) {
-    enum { FIRST = 3 }; /* as long as nothing is known */
-    uint32_t full = c->rule[CELL_FINE].n, least = c->o->volume && !c->o->flat ? full - (full > 3) : 2;
-    double bend = p->bend > 0 ? p->bend : c->bend, length = length_of(p), n = FIRST;
-    if (p->points) return;
-    p->points = (uint8_t)full;
-    if (c->o->fixed || !c->rule[CELL_COARSE].n || p->graded || c->cell[p->cell].slice >= 0) return;
-    if (bend * length > 0)
-        n = 1 + ceil(0.5 * logf((float)(AIM * c->o->tolerance * c->width / length)) /
-                     logf((float)smaller(bend * length, 0.5)));
-    n = larger(n, larger(least, c->o->few));
-    if (n < full) p->points = (uint8_t)n;
-}
-
-static const GaussRule *rule_of(const Cells *c, const Piece *p, CellRule rule) {
-    if (p->graded) return &c->graded[rule];
-    uint32_t n = p->points - (rule == CELL_COARSE);
-    return p->points < c->rule[CELL_FINE].n ? &c->of[n] : &c->rule[rule];
-}
-
 /* The columns of a piece and rule: in 1D the one there is, else at Gauss points of the base. */
 static bool add_columns(Cells *c, uint32_t piece, CellRule rule) {
-    const GaussRule *g = rule_of(c, &c->piece[piece], rule);
+    const GaussRule *g = cells_rule_of(c, &c->piece[piece], rule);
     const Cell *cell = &c->cell[c->piece[piece].cell];
     if (cell->rule >= 0 && cell->rule != (int8_t)rule) return true;
     for (uint32_t i = 0; i < (c->piece[piece].base < 0 ? g->n > 0 : g->n); i++) {
@@ -274,8 +251,9 @@ static bool add_columns(Cells *c, uint32_t piece, CellRule rule) {
         middle(c, p, x);
         if (p->base >= 0) {
             double length = p->at[p->base][1] - p->at[p->base][0];
-            if (2 * i + 1 != g->n) along = (g->x[i] - 0.5) * length;
-            x[p->base] += along, weight *= g->w[i] * length;
+            double pace = 1, at = p->turn > 0 ? cells_along_base(p, g->x[i], &pace) : g->x[i];
+            if (2 * i + 1 != g->n || p->turn > 0) along = (at - 0.5) * length;
+            x[p->base] += along, weight *= g->w[i] * pace * length;
         }
         Column *k = add_column(c, piece, (uint8_t)rule, x, weight);
         if (!k || !add_roots(c, piece, k, along)) return false;
@@ -361,11 +339,21 @@ static void emit_crossing(Cells *c, const Root *r) {
 }
 
 /* ---- is a piece short enough? */
+static void add_moments(const Cells *c, const Sides *s, const double by[4], double sum[SLT_MAX_CHANNELS][4],
+                        double *most, double *total) {
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) {
+        double jump = s->f[1][ch] - s->f[0][ch];
+        *most = larger(*most, fabs(jump)), *total += by[0] * fabs(jump);
+        for (uint32_t d = 0; d <= c->dim; d++) sum[ch][d] += jump * by[d];
+    }
+}
+
 /* The integral of |jump| along the curve that the rule gives, by channel, and its moments in the position on the piece.
  * The length of the curve's element is that of the tangent in the middle times (d_k g there) / d_k g: what the
  * derivatives of the integral are made of. */
 static void measure_curve(const Cells *c, const Piece *p, const Column *from, const Column *to, uint32_t edge,
                           double sum[CELL_RULES][SLT_MAX_CHANNELS][4], double *most, double *total) {
+    double moment[CELL_RULES][4] = {{0}}; /* where f is flat, and jumps by as much all along the curve */
     const PieceEdge *e = &p->edge[edge];
     double mid[3] = {0}, half[3] = {1, 1, 1}, tangent = 1;
     middle(c, p, mid);
@@ -380,16 +368,14 @@ static void measure_curve(const Cells *c, const Piece *p, const Column *from, co
         for (uint32_t i = 0; i < k->nroots; i++) {
             const Root *r = &c->root[k->first + i];
             if (r->edge != edge) continue;
-            const Sides *s = cells_sides(c, r);
-            double w = k->weight * tangent * fabs(e->dg[p->axis] / r->dg[p->axis]);
-            for (uint32_t ch = 0; ch < c->s->channels; ch++) {
-                double jump = s->f[1][ch] - s->f[0][ch];
-                *most = larger(*most, fabs(jump)), *total += w * fabs(jump);
-                sum[k->rule][ch][0] += w * jump;
-                for (uint32_t d = 0; d < c->dim; d++)
-                    sum[k->rule][ch][1 + d] += w * jump * (r->x[d] - mid[d]) / half[d];
-            }
+            double w = k->weight * tangent * fabs(e->dg[p->axis] / r->dg[p->axis]), by[4] = {w};
+            for (uint32_t d = 0; d < c->dim; d++) by[1 + d] = w * (r->x[d] - mid[d]) / half[d];
+            if (c->o->flat)
+                for (uint32_t d = 0; d <= c->dim; d++) moment[k->rule][d] += by[d];
+            else add_moments(c, cells_sides(c, r), by, sum[k->rule], most, total);
         }
+    for (int r = 0; r < CELL_RULES && c->o->flat; r++)
+        add_moments(c, &c->sides[e->sides - 1], moment[r], sum[r], most, total);
 }
 
 /* Do the rules agree on the curves of a piece? Sets its bend. */
@@ -409,7 +395,7 @@ static bool curves_agree(const Cells *c, Piece *p, const Column *from, const Col
                 if (total > 0) apart = larger(apart, d / total);
             }
     }
-    uint32_t coarse = rule_of(c, p, CELL_COARSE)->n;
+    uint32_t coarse = cells_rule_of(c, p, CELL_COARSE)->n;
     double floor = c->b->f64 ? 0x1p-40 : 0x1p-16; /* what rounding may make of it, moments of thin pieces included */
     if (p->base >= 0) {
         double most = powf((float)larger(apart, floor), 0.5f / (float)coarse) / length_of(p);
@@ -430,7 +416,7 @@ static bool shorten(Cells *c, uint32_t i, bool curves_agree, bool layer, const C
     uint32_t before = p->points, full = c->rule[CELL_FINE].n;
     if (before < full && !layer) {
         p->points = 0;
-        choose_points(c, p);
+        cells_choose_points(c, p);
         p->points = (uint8_t)(p->points > before ? p->points : full);
         return true;
     }
@@ -468,7 +454,7 @@ bool cells_evaluate(Cells *c, uint32_t first, bool values) {
     if (!cells_grow(c, &c->first_column, &c->first_column_cap, n + 1, sizeof *c->first_column)) return false;
     for (uint32_t i = 0; i < n; i++) {
         c->first_column[i] = c->ncolumn;
-        choose_points(c, &c->piece[first + i]);
+        cells_choose_points(c, &c->piece[first + i]);
         for (int r = 0; r < CELL_RULES; r++)
             if ((c->piece[first + i].present || c->o->volume) && !add_columns(c, first + i, (CellRule)r)) return false;
     }
@@ -524,7 +510,7 @@ static bool integrate(Cells *c, uint32_t first) {
         while (end < c->nspot && c->spot[end].owner == first + i) end++;
         bool agree = true, smooth = true;
         if (compare && c->dim > 1) agree = curves_agree(c, p, from, to);
-        if (p->bend > 0) bent += p->bend * length_of(p), length += length_of(p);
+        if (p->bend > 0 && !(p->turn > 0)) bent += p->bend * length_of(p), length += length_of(p);
         if (compare && p->alone) smooth = cells_borders_agree(c, p, from, to);
         else if (compare && c->o->volume)
             smooth = c->o->flat ? cells_parts_agree(c, spot, end) : cells_values_agree(c, spot, end, 1);

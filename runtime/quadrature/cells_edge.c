@@ -418,9 +418,11 @@ void cells_bound_boxes(Cells *c, Cell *cell, uint32_t n, uint32_t few_events) {
 
 void cells_bound_range(Cells *c, Cell *cell) { cells_bound_boxes(c, cell, 1, CELL_FEW_EVENTS); }
 
-void cells_bound_halves(Cells *c) {
+bool cells_bound_halves(Cells *c) {
     bool gives = c->s->layout[SLT_K_EDGE].reads >> SLT_IN_GIVEN0 & 1;
+    if (c->nhalves && !lists_note(&c->lists, c->b)) return false;
     cells_bound_boxes(c, c->cell, c->nhalves, gives ? CELL_FEW_GIVEN : CELL_FEW_EVENTS);
+    return lists_narrow(&c->lists, c->b, c->nhalves);
 }
 
 bool cells_bound_small(Cells *c) {

@@ -11,6 +11,7 @@
  *   cells_base.c    2D: where along its base the shape of a curved cell changes
  *   cells_stretch.c that asked of stretches of the base, until bounds prove the answer
  *   cells_border.c  areas by what bounds them, where f is constant between curves
+ *   cells_points.c  how many points a piece gets, and where
  *   cells_column.c  pieces of the base become columns, these roots and crossings
  *   cells_twins.c   curves that lie on each other as far as rounding lets one tell: what is between them
  *   cells_tied.c    whose the jump is
@@ -184,6 +185,8 @@ typedef struct Piece {
     bool up[2];        /* and whether through the upper face */
     bool alone;        /* it is of one curve, `only`, and tells areas */
     uint8_t only;
+    double pace[3];   /* of one curve: how fast its base is gone along, at both ends and in the middle; all 1 else */
+    double turn;      /* and the angle by which its direction changes; 0: not known */
     double beyond[2]; /* as in Cut */
     PieceEdge edge[CELL_EDGES];
 } Piece;
@@ -427,7 +430,7 @@ Probe *cells_probe_event(Cells *c, const Event *e, const double x[3]);      /* w
 Ask *cells_ask(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]);
 /* What is decided in boxes and what is open: in cell[0 .. nhalves - 1], and in those behind, for which it also makes
  * lists of iterations. */
-void cells_bound_halves(Cells *c);
+bool cells_bound_halves(Cells *c);
 bool cells_bound_small(Cells *c);
 /* Of others; `lonely` is the caller's. few_events: most that may be open, but for what CELL_FEW_EVENTS says. */
 void cells_bound_boxes(Cells *c, Cell *cell, uint32_t n, uint32_t few_events);
@@ -516,6 +519,13 @@ bool cells_cut_planes(Cells *c, uint32_t first); /* makes the cuts, sorted */
 bool cells_cut_bases(Cells *c, uint32_t first);  /* and the pieces between them */
 /* The coarse rule has what lies between the end of a piece that goes out and the border of the domain. */
 void cells_emit_beyond(Cells *c, const Piece *p);
+
+/* ---- cells_points.c */
+/* Those of the fine rule, unless they are chosen already. */
+void cells_choose_points(const Cells *c, Piece *p);
+const GaussRule *cells_rule_of(const Cells *c, const Piece *p, CellRule rule);
+/* Where t of [0, 1] lies on the base of a piece with a turn, in parts of that, and how fast that goes there. */
+double cells_along_base(const Piece *p, double t, double *pace);
 
 /* ---- cells_column.c */
 bool cells_integrate(Cells *c); /* over all pieces */

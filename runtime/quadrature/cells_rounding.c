@@ -72,13 +72,10 @@ static bool take_own_slopes(Cells *c, const Column *from, const Column *to) {
 /* How far from the root the curve may lie: by what g rounds, and by what is left of it where places end. */
 static double place_error(const Root *r, double steep) { return (USUAL * r->of->error + fabs(r->g)) / steep; }
 
-/* 1 / the least length on which the normal turns, or g steepens, in the cell. */
-static double bend_of(const Cells *c, const Cell *cell, const CellEdge *e, double steep) {
-    double change = 0, width = 0;
-    for (uint32_t d = 0; d < c->dim; d++) {
-        change = larger(change, e->slope[d][1] - e->slope[d][0]);
-        width = larger(width, cell->box.end[d] - cell->box.lo[d]);
-    }
+/* Over a root's gradient: 1 / the least length on which the normal turns, or g steepens, in the cell. */
+static double bend_of(const Cells *c, const CellEdge *e, double width, double steep) {
+    double change = 0;
+    for (uint32_t d = 0; d < c->dim; d++) change = larger(change, e->slope[d][1] - e->slope[d][0]);
     return smaller(change / steep, BENT) / width;
 }
 
@@ -105,7 +102,8 @@ static void find_end_errors(const Cells *c, const Piece *p, const Column *from, 
                                       (p->at[p->base][1] - p->at[p->base][0]);
 }
 
-static void blur_root(Cells *c, const Piece *p, const Column *k, Root *r, double ends) {
+/* width: of the longest side of the cell. */
+static void blur_root(Cells *c, const Column *k, Root *r, double width, double ends) {
     double steep = 0, most = 0;
     for (uint32_t d = 0; d < c->dim; d++) steep += r->dg[d] * r->dg[d];
     steep = sqrt(steep);
@@ -113,7 +111,7 @@ static void blur_root(Cells *c, const Piece *p, const Column *k, Root *r, double
     /* Bounds may know nothing of how g rounds (`pow` near 0): yet the root is on its line. */
     double line = (r->ends_at[1] - r->ends_at[0]) * fabs(r->dg[r->axis]) / steep;
     double place = smaller(place_error(r, steep), line), weight = k->weight / fabs(r->dg[r->axis]) * steep;
-    double bent = place * bend_of(c, &c->cell[p->cell], r->of, steep);
+    double bent = place * bend_of(c, r->of, width, steep);
     if (!(bent < HUGE_VAL)) return;
     r->blur = bent + ends;
     if (k->rule == CELL_COARSE) return;
@@ -128,13 +126,15 @@ static void blur_root(Cells *c, const Piece *p, const Column *k, Root *r, double
 /* All of a piece by the same chance. */
 static void blur_piece(Cells *c, const Column *from, const Column *to) {
     const Piece *p = &c->piece[from->piece];
-    double ends[CELL_EDGES], middle[3] = {0};
+    const Box *box = &c->cell[p->cell].box;
+    double ends[CELL_EDGES], middle[3] = {0}, width = 0;
     find_end_errors(c, p, from, to, ends);
+    for (uint32_t d = 0; d < c->dim; d++) width = larger(width, box->end[d] - box->lo[d]);
     for (uint32_t d = 0; d < c->dim; d++) middle[d] = p->at[d][0] + p->at[d][1];
     double sign = by_chance(middle) ? -1 : 1;
     for (const Column *k = from; k < to; k++)
         for (uint32_t i = k->first; i < k->first + k->nroots; i++) {
-            blur_root(c, p, k, &c->root[i], ends[c->root[i].edge]);
+            blur_root(c, k, &c->root[i], width, ends[c->root[i].edge]);
             c->root[i].blur *= sign;
         }
 }

@@ -163,8 +163,8 @@ static bool is_tiny(const Cells *c, const Stretch *s) {
     enum { ULPS = 16 };
     const Cell *cell = &c->cell[s->cell];
     int base = base_axis(cell, curve_of(c, s)->axis);
-    double ulp = (c->b->f64 ? 0x1p-52 : 0x1p-23) * fmax(fabs(s->at[0]), fabs(s->at[1]));
-    return s->at[1] - s->at[0] <= fmax(ULPS * ulp, NARROW * (cell->box.end[base] - cell->box.lo[base]));
+    double ulp = (c->b->f64 ? 0x1p-52 : 0x1p-23) * larger(fabs(s->at[0]), fabs(s->at[1]));
+    return s->at[1] - s->at[0] <= larger(ULPS * ulp, NARROW * (cell->box.end[base] - cell->box.lo[base]));
 }
 
 /* Halves every open stretch: the far half is appended. One across which the sign changes is followed down to where

@@ -109,6 +109,27 @@ static void distribute(const SltNote *note, uint32_t n, const int32_t *item, int
             items[from[__builtin_ctzll(keep)]++] = item ? item[j] : (int32_t)j;
 }
 
+bool lists_narrow(Lists *l, Batch *b, uint32_t n) {
+    b->args.note = NULL;
+    if (!l->any || !n) return true;
+    uint64_t need = l->top, first = l->top;
+    for (uint32_t i = 0; i < l->s->nlists; i++) need += 1 + (l->s->list_noted[i] ? length(l, i) : 0);
+    if (!room(l, need)) return false;
+    find_current(l); /* the array may have moved */
+    for (uint32_t i = 0; i < l->s->nlists; i++) {
+        int32_t *count = &l->items[l->top++];
+        *count = l->s->list_noted[i] ? 0 : ROOT;
+        if (*count == ROOT) continue;
+        settle(l->note[i], length(l, i), n < 64 ? ((uint64_t)1 << n) - 1 : UINT64_MAX, l->count);
+        for (uint32_t j = 0; j < length(l, i); j++)
+            if (l->note[i][j].may)
+                l->items[l->top++] = l->current[i].items ? l->current[i].items[j] : (int32_t)j, ++*count;
+    }
+    l->node.first = first;
+    find_current(l);
+    return true;
+}
+
 bool lists_split(Lists *l, Batch *b, uint32_t n, uint64_t wanted) {
     b->args.note = NULL;
     if (!l->any) return true;

@@ -12,6 +12,8 @@
  *     lists_note(l, b)                      before the one call of `bounds` on the boxes of the node
  *     lists_split(l, b, n, wanted)          behind it: makes the lists of those of the n boxes whose bit is set; the
  *                                           others keep the node's
+ *     lists_narrow(l, b, n)                 or: the n boxes are all of the node, which gets the list of what may matter
+ *                                           in one of them
  *     at = lists_of(l, box)                 a name for them, which a child node keeps until it is entered
  *
  * Memory: a number an iteration and box that it may matter in, on the way from the root to the node. A worker has one
@@ -48,6 +50,7 @@ ListsAt lists_begin(Lists *l, Batch *b);
 void lists_enter(Lists *l, Batch *b, ListsAt at);
 bool lists_note(Lists *l, Batch *b);
 bool lists_split(Lists *l, Batch *b, uint32_t n, uint64_t wanted);
+bool lists_narrow(Lists *l, Batch *b, uint32_t n);
 static inline ListsAt lists_of(const Lists *l, uint32_t box) { return l->at[box]; }
 /* For a child that is no box of the split: what its parent has. */
 static inline ListsAt lists_of_node(const Lists *l) { return (ListsAt){l->node.first, l->top}; }

@@ -120,7 +120,7 @@ static void take_curve(void *worker, Crossing *c, uint32_t n) {
     SweepWorker *v = worker;
     if (!v->sweep->errors) n = fine_alone(c, n);
     for (uint32_t ch = 0; ch < v->sweep->run->s->channels; ch++)
-        for (uint32_t i = 0; i < n; i++) v->jump[ch] = fmax(v->jump[ch], fabs(c[i].jump[ch]));
+        for (uint32_t i = 0; i < n; i++) v->jump[ch] = larger(fabs(c[i].jump[ch]), v->jump[ch]);
     if (v->sweep->kind == SWEEP_LOSS) v->failed |= !kept_crossings(&v->kept, &v->w->batch.args, c, n);
     else sink_put_weighed(&v->w->sink, c, n);
 }

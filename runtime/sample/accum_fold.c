@@ -37,17 +37,21 @@ bool accum_fold_log(Accum *a, uint32_t which) {
     const uint32_t rows = a->n, nfloats = a->s->nfloats, *index = b->log_index;
     const bool f64 = a->s->f64;
     const void *value = b->log_value;
+    double none = 0, *sum = &none, all = 0; /* those of the entry before: samples of one event lie together */
+    uint32_t last = UINT32_MAX;
     for (uint64_t e = 0, n = b->log_len; e < n; e++) {
         double v = f64 ? ((const double *)value)[e] : (double)((const float *)value)[e];
         if (v == 0) continue; /* of a colour all channels but one are */
-        uint32_t p = index[e], row = which;
-        for (; p >= nfloats && row < rows; row++) p -= nfloats;
-        if (row == rows) continue;
-        uint32_t slot = a->folded.slot[p];
-        double *sum = slot ? a->folded.sum + (size_t)(slot - 1) * rows : sums_of(a, p);
-        if (!sum) return false;
-        sum[row] += v;
+        if (index[e] != last) {
+            uint32_t p = last = index[e], row = which;
+            *sum = all;
+            for (; p >= nfloats && row < rows; row++) p -= nfloats;
+            if (row < rows && !(sum = sums_of(a, p))) return false;
+            sum = row < rows ? sum + row : &none, all = *sum;
+        }
+        all += v;
     }
+    *sum = all;
     b->log_len = 0;
     return true;
 }

@@ -27,6 +27,7 @@ static double mean_of(const double *rows, const double *other, uint32_t n, uint6
 
 void bars_of_rows(const double *rows, const double *other, uint32_t n, uint64_t size, double *mean, double *error) {
     double factor = n > 1 ? bars_factor(n) : 0, v;
+    if (!mean && !error) return;
     for (uint64_t i = 0; i < size; i++) {
         double m = mean_of(rows, other, n, size, i, &v);
         if (mean) mean[i] = m;

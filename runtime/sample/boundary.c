@@ -13,7 +13,7 @@ bool slt_estimate_by_differences(SltEstimator e) { return !estimators[e]; }
 
 void boundary_merge(Boundary *y, Worker *w) {
     if (w->sink.kind == SINK_FORWARD) splat_merge(&w->sink.splat, y->out, y->crossings);
-    else if (y->parts) parts_merge(y->parts, &w->acc, y->targets);
+    else if (y->parts) parts_merge(y->parts, &w->acc, &y->parts_of, y->targets);
     else accum_merge(&w->acc, y->targets);
     run_collect(y->run, w);
 }
@@ -23,7 +23,8 @@ void boundary_bind(Boundary *y, Worker *w, SinkKind kind) {
     w->sink.coincide.apart = y->run->apart, w->finder.ties = y->run->apart != NULL;
     w->sink.coincide.tied = w->finder.tied = y->run->tied;
     w->sink.kind = kind, w->sink.adjoint = y->adjoint, w->sink.classes = y->classes, w->sink.dirs = y->dirs;
-    w->sink.any_sign = y->any_sign;
+    w->sink.any_sign = y->any_sign, w->sink.met = y->run->met;
+    w->sink.noise[0] = y->noise[0], w->sink.noise[1] = y->noise[1];
     w->sink.misses = kind == SINK_INTEGRAL || (kind == SINK_REVERSE && y->misses);
 }
 
@@ -41,7 +42,9 @@ SltStatus boundary_run(Boundary *y, SinkKind kind) {
                (kind == SINK_FORWARD ? s->kernel[SLT_K_SITE_JVP] : s->kernel[SLT_K_SITE_VJP]);
     if (!can || !s->nsites || !(y->segments > 0)) return SLT_OK;
     uint32_t sums = boundary_in_order(r) && !y->any_sign ? 3 + SKETCHES : 3;
-    uint32_t accums = kind == SINK_INTEGRAL ? sums * s->channels : kind == SINK_REVERSE ? y->classes + y->misses : 0;
+    uint32_t accums = kind == SINK_INTEGRAL  ? sums * s->channels
+                      : kind == SINK_REVERSE ? y->classes + y->misses + (y->noise[0] ? PARTS_NOISE : 0)
+                                             : 0;
     SltStatus st = run_workers(r, UINT32_MAX, accums, kind);
     double lines = pow(y->segments / s->dim, 1.0 / s->dim) * (r->grid.integral ? 1 : r->grid.n[0]);
     double step = coincide_step(root_tolerance(run_is_coarse(r)) / fmax(1, lines), STEP);
@@ -49,7 +52,7 @@ SltStatus boundary_run(Boundary *y, SinkKind kind) {
         st = status_fail(r->err, SLT_LIMIT, "out of memory");
     if (st == SLT_OK) {
         for (uint32_t i = 0; i < r->nworkers; i++) boundary_bind(y, &r->worker[i], kind);
-        st = estimators[r->j->estimator](y, kind);
+        st = y->windows ? scanline_windows(y) : estimators[r->j->estimator](y, kind);
     }
     run_free_workers(r);
     return st;

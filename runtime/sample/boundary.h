@@ -5,20 +5,33 @@
 #include "runtime/sample/parts.h"
 #include "runtime/sample/run.h"
 
+/* Lines in boxes of their own, instead of those of the estimator. */
+typedef struct Window {
+    double lo[3], hi[3];
+} Window;
+typedef struct Windows {
+    uint32_t n, lines, vertices; /* boxes; of each lines a side, and vertices of a line */
+    double side[3];              /* spread over the domain by chance, of these sides; or */
+    const Window *at;            /* [n]: there */
+} Windows;
+
 typedef struct Boundary {
     Run *run;
     uint32_t replicate, replicates; /* its number, and how many there are; their shifts are strata of one another */
     double segments;                /* a pixel, or of an integral in all */
     double *const *targets; /* sums [nfloats]. SINK_INTEGRAL: by channel, by channel the part that coarser lines miss,
                                by channel what boundaries that coincide leave open, then the sketches, by channel each;
-                               SINK_REVERSE: by class, then as `misses` says */
+                               SINK_REVERSE: by class, then as `misses` says, then the noise */
     float *const *out;      /* SINK_FORWARD: images, by direction */
     float *crossings;       /* SINK_FORWARD: crossings a pixel; may be NULL */
     const float *adjoint;   /* SINK_REVERSE: an image */
     const Directions *dirs; /* SINK_FORWARD */
     uint32_t classes;       /* SINK_REVERSE: 1, or COSETS */
-    Parts *parts;           /* SINK_REVERSE: how the tiles of the classes spread; may be NULL */
+    const float *noise[2];  /* SINK_REVERSE: see Sink; NULL: none */
+    Parts *parts;           /* SINK_REVERSE: what tiles err by; may be NULL */
+    PartsOf parts_of;
     bool misses;            /* SINK_REVERSE: after those a target for what is missed (thin.h) */
+    const Windows *windows; /* NULL: the whole domain */
     bool any_sign;          /* each crossing counts with a random sign */
 } Boundary;
 /* The boundary term by the job's estimator; nothing where the program has none. */
@@ -34,10 +47,26 @@ bool boundary_in_order(const Run *r);
 void boundary_bind(Boundary *y, Worker *w, SinkKind kind);
 void boundary_merge(Boundary *y, Worker *w);
 
+/* scanline.c: the boundary term on y->windows. */
+SltStatus scanline_windows(Boundary *y);
+
+/* finer.c: the boundary term on y->windows into sum[3][channels][nfloats], as SINK_INTEGRAL has it; returns nothing but
+ * evaluations in the run's counts. *crossings: that were integrated. */
+SltStatus windows_run(Run *r, Boundary *y, double *sum, double *crossings);
+
+/* unmet.c: adds what small things weigh that no line has met (of sites that are 0 in r->met), and that bounds lead to,
+ * to the estimate of what is missed and to the error, [channels][nfloats]. */
+SltStatus unmet_add(Run *r, const Boundary *of, double *missed, double *error);
+
+/* finer.c: about how many crossings lines that are eight times finer meet and those of an integral's replicates do not;
+ * 0 where they meet about the same. */
+SltStatus finer_missed(Run *r, const Boundary *of, uint32_t replicates, double *missed);
+
 /* lost.c: adds to the errors of an integral's derivatives, [channels][nfloats], or of a weighted image's, [nfloats],
  * what the crossings weigh that the run has dropped: as many as were found weigh, in the mean. Infinite where none was
- * found. Of `of` the segments (of one replicate) count, the classes, and the adjoint image, NULL for integrals. */
-SltStatus lost_add(Run *r, const Boundary *of, uint32_t replicates, double *error);
+ * found. Of `of` the segments (of one replicate) count, the classes, and the adjoint image, NULL for integrals. missed:
+ * so many more, of which nothing is known but that so much is in the error already: told (may be NULL). */
+SltStatus lost_add(Run *r, const Boundary *of, uint32_t replicates, double missed, const double *told, double *error);
 
 /* Shift of replicate r of n along dimension d, in [0, 1): the random number u is the same for all replicates, the
  * stratum of width 1/n is each one's own, in another order for each dimension. So the mean over replicates is as good

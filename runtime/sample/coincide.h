@@ -13,7 +13,7 @@ typedef struct Kinks {
 } Kinks;
 typedef struct Coincide {
     const Apart *apart;    /* scenes with moved parameters; NULL: nothing is looked for */
-    const uint8_t *tied;   /* [sites]: 1 where another site's g is the same, but for other parameters; NULL: of none */
+    const uint8_t *tied;   /* [sites]: not 0 where another site's g is the same, but for other parameters; NULL: of none */
     bool no_kinks;         /* of one g: in small parts of a domain its corners are never far */
     Untie *untie;          /* NULL: not needed so far */
     Crossing *part, *half; /* [nparts], [nhalves]: of crossings that were untied the parts, and their errors */
@@ -26,7 +26,8 @@ typedef struct Sink Sink;
 /* Before the first crossing: moves the parameters, one of size 1 by `step`. False when memory runs out. */
 bool coincide_begin(Run *r, double step);
 void coincide_end(Run *r);
-/* twins.c. Sets Run.tied. False when memory runs out. */
+/* twins.c. Sets Run.tied, to bits: the other g rises as this one does, or against it. False when memory runs out. */
+enum { TWINS_OPPOSED = 1, TWINS_ALIKE };
 bool twins_begin(Run *r);
 /* The step where roots are known to this part of the domain; at least `least`. */
 double coincide_step(double bracket, double least);

@@ -10,6 +10,7 @@
 #include "runtime/sample/boundary.h"
 #include "runtime/sample/depth.h"
 #include "runtime/sample/interior.h"
+#include "runtime/sample/onesided.h"
 
 const char *const slt_drop_names[SLT_DROP_REASONS] = {"zero_gradient", "not_finite", "inconsistent", "no_event",
                                                       "no_root",       "static",     "depth",        "coincident"};
@@ -145,24 +146,24 @@ static void mask_inactive(const SltScene *s, double *v) {
     for (uint32_t p = 0; p < s->nfloats; p++) v[p] = s->active[p] ? v[p] : 0;
 }
 
-SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *const adjoint[2], double *gradient,
-                               double *stderr_bound, SltStats *stats, SltError *err) {
-    SltStatus st = need_image(j, "the gradient of a weighted image", err);
-    if (st != SLT_OK) return st;
-    if (slt_estimate_by_differences(j->estimator))
-        return difference_reverse(s, j, adjoint, gradient, stderr_bound, stats, err);
+/* How far the mean of two adjoints is off. */
+static float *noise_of(const float *const adjoint[2], uint64_t n) {
+    float *noise = malloc(n * sizeof *noise);
+    for (uint64_t i = 0; i < n && noise; i++) noise[i] = 0.5f * (adjoint[0][i] - adjoint[1][i]);
+    return noise;
+}
+
+/* least: what an adjoint is off at least for a jump of 1, or NULL. */
+static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const adjoint[2], const float *least,
+                         double *gradient, double *stderr_bound, SltStats *stats, SltError *err) {
     bool halves = adjoint[0] != adjoint[1];
-    SltJob own;
-    j = settle(s, j, &own, stats);
-    if (j->estimator == SLT_EST_QUADRATURE && !halves)
-        return quadrature_reverse(s, j, adjoint[0], gradient, stderr_bound, stats, err);
     Run r;
     uint32_t classes = stderr_bound ? COSETS : 1;
     double *part[COSETS] = {0}, *missed = NULL;
-    float *mean = NULL;
+    float *mean = NULL, *noise = NULL;
     Boundary of = {0};
     Parts tiles = {0}, *parts = NULL;
-    st = run_begin(&r, s, j, err);
+    SltStatus st = run_begin(&r, s, j, err);
     if (st != SLT_OK) {
         run_end(&r, stats);
         return st;
@@ -175,26 +176,30 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
         memory &= (part[c] = alloc_zero(s->nfloats, sizeof **part)) != NULL;
     if (classes > 1) memory &= (missed = alloc_zero(s->nfloats, sizeof *missed)) != NULL;
     if (halves && !j->no_boundary) memory &= (mean = malloc(size * sizeof *mean)) != NULL;
-    if (classes > 1 && s->uses_rand && s->nfloats <= PARTS_MOST)
-        memory &= parts_init(&tiles, classes, s->nfloats), parts = &tiles;
-    double *spread = parts ? NULL : stderr_bound;
+    if (classes > 1 && (halves || s->uses_rand) && s->nfloats <= PARTS_MOST)
+        memory &= parts_init(&tiles, s->nfloats), parts = &tiles;
+    if (parts && halves && !j->no_boundary) memory &= (noise = noise_of(adjoint, size)) != NULL;
     memset(gradient, 0, s->nfloats * sizeof *gradient);
     if (stderr_bound) memset(stderr_bound, 0, s->nfloats * sizeof *stderr_bound);
     if (!memory) st = status_fail(err, SLT_LIMIT, "out of memory");
     double t = pool_now(), split = j->no_boundary || !s->kernel[SLT_K_REGION] ? 1 : j->no_interior ? 0 : 0.7;
-    for (uint32_t h = 0; h < (halves ? 2u : 1u) && st == SLT_OK && !j->no_interior; h++) {
-        r.pool.from = halves ? 0.5 * split * h : 0, r.pool.to = halves ? 0.5 * split * (h + 1) : split;
-        st = interior_reverse(&r, halves ? h + 1 : 0, adjoint[h], halves ? 0.5 : 1, classes, part, parts);
+    r.pool.from = 0, r.pool.to = split;
+    if (st == SLT_OK && !j->no_interior) {
+        PartsOf parts_of = {.spread = halves ? 0 : classes, .pairs = halves ? classes : 0};
+        double *targets[2 * COSETS];
+        for (uint32_t c = 0; c < 2 * COSETS; c++) targets[c] = part[parts && halves ? 0 : c % classes];
+        st = interior_reverse(&r, adjoint, classes, targets, parts, parts ? parts_of : (PartsOf){0});
     }
-    if (st == SLT_OK && classes > 1) combine(part, classes, gradient, spread, s->nfloats);
+    if (st == SLT_OK && classes > 1) combine(part, classes, gradient, parts ? NULL : stderr_bound, s->nfloats);
     r.stats.seconds_interior = pool_now() - t, t = pool_now();
     r.pool.from = split, r.pool.to = 1;
     if (st == SLT_OK && !j->no_boundary) {
         for (uint64_t i = 0; i < size && halves; i++) mean[i] = 0.5f * (adjoint[0][i] + adjoint[1][i]);
         /* On one line every crossing is exact: there is no spread to measure. */
         uint32_t own = s->dim == 1 && !s->uses_rand ? 1 : classes;
+        bool apart = parts && s->uses_rand; /* of other lattices tiles are parts of one */
         if (classes > 1) clear_parts(part, classes, s->nfloats);
-        double *targets[COSETS + 1] = {0};
+        double *targets[COSETS + 1 + PARTS_NOISE] = {0};
         memcpy(targets, part, own * sizeof *part);
         targets[own] = missed;
         Boundary y = {.run = &r,
@@ -202,22 +207,41 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
                       .adjoint = halves ? mean : adjoint[0],
                       .classes = own,
                       .misses = classes > 1,
+                      .noise = {noise, least},
                       .parts = parts,
+                      .parts_of = {.spread = apart ? own : 0, .noise = noise ? own + 1 : 0},
                       .targets = targets};
         st = boundary_run(&y, SINK_REVERSE);
-        if (st == SLT_OK && classes > 1) combine(part, own, gradient, spread, s->nfloats);
-        of = y, of.classes = classes, of.parts = NULL;
+        if (st == SLT_OK && classes > 1) combine(part, own, gradient, apart ? NULL : stderr_bound, s->nfloats);
+        of = y, of.classes = classes, of.parts = NULL, of.noise[0] = NULL;
     }
-    for (uint32_t p = 0; p < s->nfloats && parts && memory; p++) stderr_bound[p] = parts_variance(parts, p);
     for (uint32_t p = 0; p < s->nfloats && stderr_bound && missed; p++)
-        stderr_bound[p] = sqrt(stderr_bound[p]) + fabs(missed[p]);
-    if (st == SLT_OK && !j->no_boundary) st = lost_add(&r, &of, 1, stderr_bound);
+        stderr_bound[p] = sqrt(stderr_bound[p] + (parts && memory ? parts_variance(parts, p) : 0)) + fabs(missed[p]);
+    if (st == SLT_OK && !j->no_boundary) st = lost_add(&r, &of, 1, 0, NULL, stderr_bound);
     r.stats.seconds_boundary = pool_now() - t;
     mask_inactive(s, gradient), mask_inactive(s, stderr_bound);
     for (uint32_t c = 0; c < classes && classes > 1; c++) free(part[c]);
-    free(mean), free(missed), parts_free(&tiles);
+    free(mean), free(noise), free(missed), parts_free(&tiles);
     run_end(&r, stats);
     return st;
+}
+
+static SltStatus weighted(const SltScene *s, const SltJob *j, const float *const adjoint[2], const float *least,
+                          double *gradient, double *stderr_bound, SltStats *stats, SltError *err) {
+    SltStatus st = need_image(j, "the gradient of a weighted image", err);
+    if (st != SLT_OK) return st;
+    if (slt_estimate_by_differences(j->estimator))
+        return difference_reverse(s, j, adjoint, gradient, stderr_bound, stats, err);
+    SltJob own;
+    j = settle(s, j, &own, stats);
+    if (j->estimator == SLT_EST_QUADRATURE && adjoint[0] == adjoint[1])
+        return quadrature_reverse(s, j, adjoint[0], gradient, stderr_bound, stats, err);
+    return reverse(s, j, adjoint, least, gradient, stderr_bound, stats, err);
+}
+
+SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *const adjoint[2], double *gradient,
+                               double *stderr_bound, SltStats *stats, SltError *err) {
+    return weighted(s, j, adjoint, NULL, gradient, stderr_bound, stats, err);
 }
 
 SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *target, const float *mask, double *loss,
@@ -237,8 +261,9 @@ SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *tar
     for (uint32_t d = 0; d < s->dim; d++) pixels *= j->size[d];
     uint64_t n = pixels * s->channels;
     float *half[2] = {malloc(n * sizeof(float)), halves ? malloc(n * sizeof(float)) : NULL};
-    if (!half[0] || (halves && !half[1])) {
-        free(half[0]), free(half[1]);
+    float *least = halves && gradient && stderr_bound ? malloc(n * sizeof *least) : NULL;
+    if (!half[0] || (halves && !half[1]) || (halves && gradient && stderr_bound && !least)) {
+        free(half[0]), free(half[1]), free(least);
         return status_fail(err, SLT_LIMIT, "out of memory");
     }
     st = slt_estimate_render(s, j, halves ? 1 : 0, half[0], stats, err);
@@ -254,16 +279,18 @@ SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *tar
             /* Each half is weighed with the other's residual. */
             half[0][i] = (float)(2 * m * b / (double)n);
             if (halves) half[1][i] = (float)(2 * m * a / (double)n);
+            /* Halves may agree, and half a sample of a jump is lost all the same. */
+            if (least) least[i] = (float)(m / (double)n / j->spp);
         }
         if (loss) *loss = (sum + row) / (double)n;
     }
     const float *adjoint[2] = {half[0], halves ? half[1] : half[0]};
     if (st == SLT_OK && gradient) {
         SltStats seen = stats ? *stats : (SltStats){0};
-        st = slt_estimate_reverse(s, j, adjoint, gradient, stderr_bound, stats, err);
+        st = weighted(s, j, adjoint, least, gradient, stderr_bound, stats, err);
         if (stats) stats->truncated = seen.truncated, stats->asserts = seen.asserts; /* the same samples again */
     }
-    free(half[0]), free(half[1]);
+    free(half[0]), free(half[1]), free(least);
     return st;
 }
 
@@ -291,22 +318,25 @@ static void least_of_value(const Run *r, double *value_stderr) {
 /* Lines and samples, as many as the job says. */
 static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err) {
     Run r;
+    bool gradient = wants_gradient(out);
     Replicates k = {.n = j->replicates  ? j->replicates
                          : s->uses_rand ? 8
                                         : 4,
-                    .size = (uint64_t)s->channels * s->nfloats};
-    bool gradient = wants_gradient(out);
+                    .size = gradient ? (uint64_t)s->channels * s->nfloats : 0};
     Tails tails = {0};
     SltStatus st = run_begin(&r, s, j, err);
     if (st == SLT_OK && gradient && out->gradient_stderr && !tails_init(&tails, s))
         st = status_fail(err, SLT_LIMIT, "out of memory");
     if (st == SLT_OK) {
         k.value = alloc_zero(k.n * (size_t)s->channels, sizeof(double));
-        k.interior = alloc_zero(k.n * k.size, sizeof(double)), k.boundary = alloc_zero(k.n * k.size, sizeof(double));
-        k.missed = alloc_zero(k.n * k.size, sizeof(double));
-        k.half = alloc_zero(k.size, sizeof(double));
+        k.interior = alloc_zero(k.n * k.size + 1, sizeof(double)),
+        k.boundary = alloc_zero(k.n * k.size + 1, sizeof(double));
+        k.missed = alloc_zero(k.n * k.size + 1, sizeof(double));
+        k.half = alloc_zero(k.size + 1, sizeof(double));
         if (boundary_in_order(&r) && gradient && !(k.sketch = alloc_zero(SKETCHES * k.size, sizeof(double))))
             st = status_fail(err, SLT_LIMIT, "out of memory");
+        r.met = s->met;
+        if (r.met) r.met[s->nsites] = 1;
         if (!k.value || !k.interior || !k.boundary || !k.missed || !k.half)
             st = status_fail(err, SLT_LIMIT, "out of memory");
     }
@@ -337,7 +367,7 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         r.stats.seconds_boundary += pool_now() - t;
     }
     if (st == SLT_OK) {
-        for (uint64_t row = 0; row < (uint64_t)k.n * s->channels; row++) {
+        for (uint64_t row = 0; gradient && row < (uint64_t)k.n * s->channels; row++) {
             mask_inactive(s, k.interior + row * s->nfloats), mask_inactive(s, k.boundary + row * s->nfloats);
             mask_inactive(s, k.missed + row * s->nfloats);
         }
@@ -365,7 +395,9 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         if ((few_samples && !j->no_interior) || few_lines) unknown_errors(s, out->gradient_stderr, k.size, true);
         if (gradient && !j->no_boundary) {
             Boundary of = {.run = &r, .segments = segments_of(j) / k.n, .classes = 1};
-            st = lost_add(&r, &of, k.n, out->gradient_stderr);
+            double missed = 0;
+            if (out->gradient_stderr) st = finer_missed(&r, &of, k.n, &missed);
+            if (st == SLT_OK) st = lost_add(&r, &of, k.n, missed, out->missed_estimate, out->gradient_stderr);
         }
         /* Bars that overflow, of slopes as small as 1e-40, are not known either. */
         for (uint64_t i = 0; i < k.size && out->gradient_stderr && out->gradient; i++)
@@ -374,6 +406,23 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
     }
     free(k.value), free(k.interior), free(k.boundary), free(k.missed), free(k.half), free(k.sketch);
     tails_free(&tails);
+    run_end(&r, stats);
+    return st;
+}
+
+bool slt_estimate_has_unmet(const SltScene *s) {
+    return s->met && s->nsites && s->met[s->nsites] && memchr(s->met, 0, s->nsites) && !s->uses_rand;
+}
+
+SltStatus slt_estimate_unmet(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
+    SltJob j = *job;
+    Run r;
+    j.integral = true;
+    if (!slt_estimate_has_unmet(s) || !out->gradient_stderr || !s->kernel[SLT_K_BOUNDS]) return SLT_OK;
+    SltStatus st = run_begin(&r, s, &j, err);
+    Boundary of = {.run = &r, .segments = segments_of(&j) / 4, .classes = 1};
+    r.met = s->met;
+    if (st == SLT_OK) st = unmet_add(&r, &of, out->missed_estimate, out->gradient_stderr);
     run_end(&r, stats);
     return st;
 }
@@ -466,22 +515,34 @@ SltStatus slt_estimate_sampled(const SltScene *s, const SltJob *job, SltIntegral
     return st;
 }
 
+/* by: whose answer it is. */
+static SltStatus integral_once(const SltScene *s, const SltJob *job, SltIntegral *out, SltEstimator *by,
+                               SltStats *stats, SltError *err) {
+    SltJob own;
+    bool choice = job->estimator == SLT_EST_AUTO, turned = false;
+    const SltJob *j = settle(s, job, &own, stats);
+    *by = j->estimator;
+    if (*by == SLT_EST_QUADRATURE) {
+        SltStatus done = quadrature_integral(s, j, out, choice ? &turned : NULL, stats, err);
+        if (!turned) return done;
+        *by = own.estimator = SLT_EST_LATTICE;
+    }
+    return slt_estimate_sampled(s, j, out, stats, err);
+}
+
 SltStatus slt_estimate_integral(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats,
                                 SltError *err) {
-    SltJob copy = *job, own;
+    SltJob copy = *job;
+    SltStats own = SLT_STATS_INIT;
+    SltEstimator by;
     copy.integral = true;
-    bool choice = copy.estimator == SLT_EST_AUTO;
     for (uint64_t i = 0; i < (uint64_t)s->channels * s->nfloats && out->left_bound; i++)
         out->left_bound[i] = NAN; /* cells prove more */
     if (slt_estimate_by_differences(copy.estimator)) return difference_integral(s, &copy, out, stats, err);
-    bool turned = false;
-    const SltJob *j = settle(s, &copy, &own, stats);
-    if (j->estimator == SLT_EST_QUADRATURE) {
-        SltStatus done = quadrature_integral(s, j, out, choice ? &turned : NULL, stats, err);
-        if (!turned) return done;
-        own.estimator = SLT_EST_LATTICE;
-    }
-    return slt_estimate_sampled(s, j, out, stats, err);
+    SltStatus st = integral_once(s, &copy, out, &by, &own, err);
+    if (st == SLT_OK) st = onesided_add(s, &copy, by, out, &own, err);
+    stats_add(stats, &own);
+    return st;
 }
 
 /* ---- one segment */

@@ -73,6 +73,8 @@ typedef struct SltScene {
     const uint8_t *edge_kind;       /* [nedges]: SltSiteKind */
     const uint8_t *edge_upsets;     /* [nedges]: SltUpset; NULL: none */
     const uint8_t *edge_bends;      /* [nedges]: 1 for a minimum, maximum or absolute value; NULL: none */
+    uint8_t *met;                   /* [nsites + 1]: lattices of integrals set what lines have met to 1, and the last,
+                                       as they were asked; NULL: nobody wants to know */
     const uint32_t *edge_line;      /* [nedges]: of the source; NULL: not known */
     bool flat;                      /* between edges neither f nor its derivatives change with the position */
     bool told;                      /* and they are the same wherever the hash is: seams do not jump */
@@ -148,6 +150,10 @@ SltStatus slt_estimate_points(const SltScene *s, const SltJob *j, uint64_t n, co
 
 /* See SltIntegral; as if job.integral were set. */
 SltStatus slt_estimate_integral(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err);
+/* Afterwards, where s->met is: what small things weigh that no line has met is added to the estimate of what is missed
+ * and to the errors. Wants the kernel `bounds`. */
+bool slt_estimate_has_unmet(const SltScene *s);
+SltStatus slt_estimate_unmet(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err);
 
 /* The crossing nearest to a on the segment from a to b, if any. */
 SltStatus slt_estimate_crossing(const SltScene *s, const double a[3], const double b[3], uint32_t stream,

@@ -119,7 +119,8 @@ static uint32_t walk_fill(Walk *k, Batch *b) {
     for (; n < BATCH && k->t < k->end; ++k->sample < p->count ? (void)0 : next_pixel(k)) {
         if (!k->sample) k->asked = asked(k);
         if (!k->asked) continue;
-        if (p->classes > 1 && ((k->at[0] + 2 * k->at[1] + k->at[2] + k->sample) & (COSETS - 1)) != k->cls) continue;
+        uint32_t set = k->at[0] + 2 * k->at[1] + k->at[2] + (p->parts_of.pairs ? 0 : k->sample);
+        if (p->classes > 1 && (set & (COSETS - 1)) != k->cls) continue;
         if (!k->fresh && (rand || !centred)) walk_pattern(k);
         for (uint32_t d = 0; d < dim; d++)
             batch_set(b, SLT_IN_X0 + d, n,
@@ -301,26 +302,35 @@ SltStatus interior_image(Run *r, uint32_t half, float *image) {
 }
 
 /* ---- reverse */
-static bool reverse_work(void *user, uint32_t worker, uint64_t tile) {
-    Interior *p = user;
-    Worker *w = &p->run->worker[worker];
+static void reverse_samples(const Interior *p, Worker *w, const TileRect *t, double factor, uint32_t half) {
     Batch *b = &w->batch;
-    TileRect t = rect_of(p, tile);
     uint32_t channels = p->run->s->channels, n;
-    select_cull(p, w, &t);
-    double factor = p->factor / p->count;
     for (uint32_t cls = 0; cls < p->classes; cls++) {
         Walk k;
-        for (walk_begin(&k, p, &t, 1, cls); (n = walk_fill(&k, b));) {
+        for (walk_begin(&k, p, t, 1, cls); (n = walk_fill(&k, b));) {
             uint32_t last = UINT32_MAX;
             const float *a = NULL;
             for (uint32_t i = 0; i < n; i++) {
                 if (k.lane_pixel[i] != last)
-                    last = k.lane_pixel[i], a = p->adjoint + image_index(p, &t, last) * channels;
-                for (uint32_t c = 0; c < channels; c++) batch_set(b, SLT_IN_SEED0 + c, i, factor * (double)a[c]);
+                    last = k.lane_pixel[i], a = p->adjoint + image_index(p, t, last) * channels;
+                for (uint32_t c = 0; c < channels; c++)
+                    batch_set(b, SLT_IN_SEED0 + c, i, factor / p->count * (double)a[c]);
             }
-            accum_call(&w->acc, b, SLT_K_VJP, n, cls);
+            accum_call(&w->acc, b, SLT_K_VJP, n, p->parts_of.pairs ? 2 * cls + half : cls);
         }
+    }
+}
+
+static bool reverse_work(void *user, uint32_t worker, uint64_t tile) {
+    Interior *p = user;
+    Worker *w = &p->run->worker[worker];
+    TileRect t = rect_of(p, tile);
+    select_cull(p, w, &t);
+    if (!p->halves[1]) reverse_samples(p, w, &t, 1, 0);
+    for (uint32_t h = 0; h < 2 && p->halves[1]; h++) {
+        Interior own = *p;
+        own.half = h + 1, own.count = half_count(p->run->j, own.half), own.adjoint = p->halves[h];
+        reverse_samples(&own, w, &t, 0.5, h);
     }
     accum_close(&w->acc);
     return !w->acc.failed;
@@ -329,17 +339,18 @@ static bool reverse_work(void *user, uint32_t worker, uint64_t tile) {
 static void reverse_merge(void *user, uint32_t worker, uint64_t tile) {
     Interior *p = user;
     Accum *a = &p->run->worker[worker].acc;
-    if (p->parts) parts_merge(p->parts, a, p->targets);
+    if (p->parts) parts_merge(p->parts, a, &p->parts_of, p->targets);
     else accum_merge(a, p->targets);
     plain_merge(user, worker, tile);
 }
 
-SltStatus interior_reverse(Run *r, uint32_t half, const float *adjoint, double factor, uint32_t classes,
-                           double *const *targets, Parts *parts) {
+SltStatus interior_reverse(Run *r, const float *const adjoint[2], uint32_t classes, double *const *targets,
+                           Parts *parts, PartsOf of) {
     if (!r->s->kernel[SLT_K_VJP]) return SLT_OK;
-    Interior p = {.adjoint = adjoint, .factor = factor, .classes = classes, .targets = targets, .parts = parts};
-    plan(&p, r, half, tile_side(r, r->s->nfloats > 1u << 14 && !r->s->ncull ? 64 : 32));
-    SltStatus st = run_workers(r, p.ntiles, classes, SINK_KEEP);
+    Interior p = {.adjoint = adjoint[0], .classes = classes, .targets = targets, .parts = parts, .parts_of = of};
+    if (adjoint[0] != adjoint[1]) p.halves[0] = adjoint[0], p.halves[1] = adjoint[1];
+    plan(&p, r, 0, tile_side(r, r->s->nfloats > 1u << 14 && !r->s->ncull ? 64 : 32));
+    SltStatus st = run_workers(r, p.ntiles, of.pairs ? 2 * of.pairs : classes, SINK_KEEP);
     if (st == SLT_OK) st = run_tiles(r, p.ntiles, reverse_work, reverse_merge, &p);
     run_free_workers(r);
     return st;

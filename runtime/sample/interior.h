@@ -16,18 +16,21 @@ typedef struct Interior {
     float *image;
     /* interior_reverse */
     const float *adjoint;   /* an image */
-    double factor;          /* of every seed */
+    const float *halves[2]; /* those of the halves, where they have their own; else NULL */
     uint32_t classes;       /* 1, or COSETS */
-    double *const *targets; /* sums [nfloats], by class */
+    double *const *targets; /* sums [nfloats], by class; of pairs by half in each class */
     Parts *parts;           /* how they spread by tile; may be NULL */
+    PartsOf parts_of;
     /* interior_forward */
     const Directions *dirs;
     float *const *out; /* images, by direction */
 } Interior;
 /* half 0: all samples of a pixel; 1 or 2: one of the two halves. */
 SltStatus interior_image(Run *r, uint32_t half, float *image);
-SltStatus interior_reverse(Run *r, uint32_t half, const float *adjoint, double factor, uint32_t classes,
-                           double *const *targets, Parts *parts);
+/* Of both halves of the samples, each with its adjoint, where there are two; else of all. With parts by pairs each
+ * half has targets of its own, and classes are sets of pixels. */
+SltStatus interior_reverse(Run *r, const float *const adjoint[2], uint32_t classes, double *const *targets,
+                           Parts *parts, PartsOf of);
 SltStatus interior_forward(Run *r, const Directions *d, float *const *out);
 /* The integral over the domain by one replicate of so many samples: value[channels]; gradient[channels][nfloats] when
  * not NULL, whose samples join `tails` when that is not NULL. */

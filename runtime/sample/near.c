@@ -1,8 +1,10 @@
 /* The near-miss probe: an even number of crossings between two vertices leaves their regions equal and is not seen.
  * Where the same event is the nearest on four vertices in a row and |g| falls towards the middle edge from both sides,
  * so steeply that the straight lines through it from both sides meet below zero, the region is evaluated once where
- * they meet. For convex |g| that is exact. At the ends of a line of the lattice, where the fourth vertex is missing,
- * the gradient of g gives the slope on that side. */
+ * they meet. For convex |g| that is exact. Where g has a double root, or two that are near to each other, |g| falls
+ * like a square and the lines meet halfway, wherever the root is: so the region is evaluated where the square roots of
+ * |g| would meet, too. At the ends of a line of the lattice, where the fourth vertex is missing, the gradient of g
+ * gives the slope on that side. */
 #include <assert.h>
 #include <float.h>
 #include <math.h>
@@ -43,13 +45,18 @@ static bool meets(Candidate *c) {
     return true;
 }
 
-double near_meets(const double g[4], const double pos[4]) {
+/* Where a square that is g0 and g1 at the ends is 0, in parts of the edge. */
+static double root_of_square(double g0, double g1) { return sqrt(g0) / (sqrt(g0) + sqrt(g1)); }
+
+bool near_aims(const double g[4], const double pos[4], double at[NEAR_AIMS]) {
     Candidate c = {.g0 = g[1],
                    .g1 = g[2],
                    .s0 = (g[1] - g[0]) / (pos[1] - pos[0]),
                    .s1 = (g[3] - g[2]) / (pos[3] - pos[2]),
                    .len = pos[2] - pos[1]};
-    return meets(&c) ? pos[1] + c.t * c.len : NAN;
+    if (!meets(&c)) return false;
+    at[0] = pos[1] + c.t * c.len, at[1] = pos[1] + root_of_square(c.g0, c.g1) * c.len;
+    return true;
 }
 
 static void add(Worker *w, const Candidate *c) {
@@ -136,22 +143,30 @@ void near_flush(Worker *w) {
     border_slopes(w, p);
     for (uint32_t i = 0; i < p->n; i++)
         if (p->c[i].kind == READY) p->c[n++] = p->c[i];
-    for (uint32_t i = 0; i < n; i++) {
-        double x[3];
-        segment_at(&p->c[i].s, p->c[i].t, x);
-        batch_set_x(b, i, x);
-        batch_set_stream(b, i, p->c[i].s.stream, p->c[i].s.rand0);
-    }
-    batch_call(b, SLT_K_REGION, n);
-    for (uint32_t i = 0; i < n; i++) {
-        Segment s = p->c[i].s;
-        Mark m = batch_mark(b, i);
-        if (m.hash == s.ma.hash) continue;
-        s.tb = p->c[i].t, s.mb = m;
-        finder_push(&w->finder, &s);
-        s.ta = s.tb, s.ma = m, s.tb = 1, s.mb = p->c[i].s.mb;
-        finder_push(&w->finder, &s);
-        if (w->follow) follow_found(w->follow, (uint32_t)s.axis, s.edge);
+    for (uint32_t aim = 0; aim < NEAR_AIMS && n; aim++) {
+        for (uint32_t i = 0; i < n; i++) {
+            double x[3];
+            if (aim) p->c[i].t = root_of_square(p->c[i].g0, p->c[i].g1);
+            segment_at(&p->c[i].s, p->c[i].t, x);
+            batch_set_x(b, i, x);
+            batch_set_stream(b, i, p->c[i].s.stream, p->c[i].s.rand0);
+        }
+        batch_call(b, SLT_K_REGION, n);
+        uint32_t rest = 0;
+        for (uint32_t i = 0; i < n; i++) {
+            Segment s = p->c[i].s;
+            Mark m = batch_mark(b, i);
+            if (m.hash == s.ma.hash) {
+                p->c[rest++] = p->c[i];
+                continue;
+            }
+            s.tb = p->c[i].t, s.mb = m;
+            finder_push(&w->finder, &s);
+            s.ta = s.tb, s.ma = m, s.tb = 1, s.mb = p->c[i].s.mb;
+            finder_push(&w->finder, &s);
+            if (w->follow) follow_found(w->follow, (uint32_t)s.axis, s.edge);
+        }
+        n = rest;
     }
     p->n = 0;
 }

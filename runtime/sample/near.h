@@ -18,9 +18,9 @@ typedef struct Line {
 void near_probe(Worker *w, const Line *l, const Segment *like);
 /* Evaluates the candidates; those in which something lies go to the worker's finder. */
 void near_flush(Worker *w);
-/* |g| at four vertices in a row: where do the lines from both sides meet below zero, between the inner two? NaN: they
- * do not. */
-double near_meets(const double g[4], const double pos[4]);
+/* |g| at four vertices in a row: where between the inner two the region is evaluated. False: nowhere. */
+enum { NEAR_AIMS = 2 };
+bool near_aims(const double g[4], const double pos[4], double at[NEAR_AIMS]);
 bool near_init(Worker *w); /* false: memory ran out */
 
 #endif

@@ -7,32 +7,50 @@
 #include "runtime/sample/bars.h"
 #include "runtime/sample/parts.h"
 
-bool parts_init(Parts *p, uint32_t n, uint32_t nfloats) {
-    *p = (Parts){.n = n, .nfloats = nfloats, .sum = alloc_zero((n + 2) * (uint64_t)nfloats, sizeof *p->sum)};
-    p->variance = p->sum ? p->sum + (uint64_t)n * nfloats : NULL;
+bool parts_init(Parts *p, uint32_t nfloats) {
+    *p = (Parts){.nfloats = nfloats, .sum = alloc_zero((PARTS_SUMS + 2) * (uint64_t)nfloats, sizeof *p->sum)};
+    p->variance = p->sum ? p->sum + (uint64_t)PARTS_SUMS * nfloats : NULL;
     p->square = p->sum ? p->variance + nfloats : NULL;
     return p->sum != NULL;
 }
 
 void parts_free(Parts *p) { free(p->sum); }
 
-void parts_merge(Parts *p, Accum *a, double *const *targets) {
+static void add(Parts *p, uint32_t i, double v, double freedom) {
+    p->variance[i] += v, p->square[i] += v * v / freedom;
+}
+
+/* Of the sum of n parts of one tile. */
+static double spread_of(double *const *part, uint32_t n, uint32_t i) {
+    double mean = 0, v = 0;
+    for (uint32_t c = 0; c < n; c++) mean += part[c][i] / n;
+    for (uint32_t c = 0; c < n; c++) v += (part[c][i] - mean) * (part[c][i] - mean);
+    return v * n / (n - 1);
+}
+
+void parts_merge(Parts *p, Accum *a, const PartsOf *of, double *const *targets) {
     double *to[ACCUMS];
-    for (uint32_t c = 0; c < a->n; c++) to[c] = c < p->n ? p->sum + (uint64_t)c * p->nfloats : targets[c];
+    uint32_t n = of->pairs ? 2 * of->pairs : of->spread;
+    for (uint32_t c = 0; c < a->n; c++) to[c] = targets[c];
+    for (uint32_t c = 0; c < n; c++) to[c] = p->sum + (uint64_t)c * p->nfloats;
+    for (uint32_t c = 0; c < PARTS_NOISE && of->noise; c++) to[of->noise + c] = p->sum + (uint64_t)(n + c) * p->nfloats;
     accum_merge(a, to);
     for (uint32_t i = 0; i < p->nfloats; i++) {
-        double mean = 0, v = 0;
-        for (uint32_t c = 0; c < p->n; c++) mean += to[c][i] / p->n, targets[c][i] += to[c][i];
-        for (uint32_t c = 0; c < p->n; c++) v += (to[c][i] - mean) * (to[c][i] - mean), to[c][i] = 0;
-        v *= p->n / (p->n - 1.0);
-        p->variance[i] += v, p->square[i] += v * v;
+        double pairs = 0, noise = 0;
+        for (uint32_t c = 0; c < of->pairs; c++) pairs += pow(to[2 * c][i] - to[2 * c + 1][i], 2);
+        if (of->pairs) add(p, i, pairs, of->pairs);
+        if (of->spread > 1) add(p, i, spread_of(to, of->spread, i), of->spread - 1);
+        for (uint32_t c = 0; c < n; c++) targets[c][i] += to[c][i], to[c][i] = 0;
+        for (uint32_t c = of->noise; of->noise && c < of->noise + PARTS_NOISE; c++)
+            noise += to[c][i] * to[c][i], to[c][i] = 0;
+        if (of->noise) add(p, i, noise, PARTS_NOISE);
     }
 }
 
-/* Degrees of freedom by Satterthwaite 1946: n - 1 of one tile, as many of each where all weigh alike. */
+/* Degrees of freedom by Satterthwaite 1946: those of one tile, as many of each where all weigh alike. */
 double parts_variance(const Parts *p, uint32_t i) {
     double v = p->variance[i];
     if (!(v > 0) || !isfinite(v)) return v;
-    double freedom = (p->n - 1) * v * (v / p->square[i]), factor = bars_factor((uint32_t)fmin(freedom + 1.5, 1e9));
+    double factor = bars_factor((uint32_t)fmin(v * (v / p->square[i]) + 1.5, 1e9));
     return v * factor * factor;
 }

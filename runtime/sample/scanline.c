@@ -254,3 +254,39 @@ SltStatus scanline_run(Boundary *y, SinkKind kind) {
     }
     return run_tiles(y->run, tiles, work, merge, &k);
 }
+
+static bool window_work(void *user, uint32_t worker, uint64_t tile) {
+    Scan *k = user;
+    Worker *w = &k->y->run->worker[worker];
+    const SltScene *s = k->y->run->s;
+    const Windows *of = k->y->windows;
+    enum { APART = 1 << 20 }; /* from the boxes of tiles */
+    Box box = {.id = APART + tile, .lines_1d = 1};
+    uint32_t place[4];
+    rng_block(k->y->run->j->seed, RNG_BOX, UINT32_MAX, box.id, place);
+    for (uint32_t d = 0; d < s->dim; d++) {
+        double room = s->hi[d] - s->lo[d] - of->side[d];
+        box.lo[d] = s->lo[d] + rng_unit(place[d]) * fmax(0, room);
+        box.hi[d] = room > 0 ? box.lo[d] + of->side[d] : s->hi[d];
+        box.m[d] = of->lines, box.v[d] = of->vertices;
+        if (of->at) box.lo[d] = of->at[tile].lo[d], box.hi[d] = of->at[tile].hi[d];
+    }
+    cull_select(&k->y->run->cull, &w->cull, &w->batch, box.lo, box.hi);
+    for (uint32_t axis = 0; axis < s->dim; axis++) {
+        uint64_t lines = line_count(k, &box, axis);
+        if (!worker_vertices(w, lines * (box.v[axis] + 2))) return false;
+        scan_lines(k, w, &box, axis, 0, lines);
+    }
+    accum_close(&w->acc);
+    return !(w->finder.failed || w->sink.failed || w->acc.failed);
+}
+
+SltStatus scanline_windows(Boundary *y) {
+    Scan k = {.y = y, .lines_1d = 1};
+    for (uint32_t i = 0; i < y->run->nworkers; i++) { /* from line to line there is nothing to follow */
+        Worker *w = &y->run->worker[i];
+        follow_free(w->follow);
+        w->follow = w->sink.follow = NULL;
+    }
+    return run_tiles(y->run, y->windows->n, window_work, merge, &k);
+}

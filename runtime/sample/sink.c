@@ -140,6 +140,7 @@ static void weigh_ends(Sink *k, Crossing *c, const uint64_t *order, const uint32
 void sink_weigh(Sink *k, Crossing *c, const uint64_t *order, uint32_t n, bool *keep) {
     uint32_t failed[BATCH], nfailed = 0;
     SltDrop reason;
+    if (k->met && n) __atomic_store_n(&k->met[c[(uint32_t)order[0]].event.site], 1, __ATOMIC_RELAXED);
     for (uint32_t i = 0; i < n; i++) sink_put(k, i, &c[(uint32_t)order[i]]);
     batch_call(k->b, SLT_K_SITE_GRAD, n);
     for (uint32_t i = 0; i < n; i++) {
@@ -252,6 +253,35 @@ static void emit_reverse(Sink *k, const Crossing *c, const uint64_t *order, uint
     accum_call(k->acc, k->b, SLT_K_SITE_VJP, used, which);
 }
 
+/* What crossings weigh by the error of the adjoint, which is each pixel's own: into one of PARTS_NOISE sums of pixels
+ * that are not neighbours. */
+static void emit_noise(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n) {
+    uint32_t channels = k->b->s->channels, first = k->classes + k->misses;
+    uint8_t of[BATCH];
+    for (uint32_t i = 0; i < n; i++) {
+        const Crossing *x = &c[(uint32_t)order[i]];
+        uint32_t cell = 0;
+        for (uint32_t d = 0; d < k->grid->dim; d++) cell += (2 * d + 1) * grid_cell(k->grid, d, x->x[d]);
+        of[i] = cell % PARTS_NOISE;
+    }
+    for (uint32_t g = 0; g < PARTS_NOISE; g++) {
+        uint32_t used = 0;
+        for (uint32_t i = 0; i < n; i++) {
+            const Crossing *x = &c[(uint32_t)order[i]];
+            double off[SLT_MAX_CHANNELS], least[SLT_MAX_CHANNELS] = {0}, seed = 0;
+            if (of[i] != g) continue;
+            grid_gather(k->grid, k->noise[0], channels, x->x, off);
+            if (k->noise[1]) grid_gather(k->grid, k->noise[1], channels, x->x, least);
+            for (uint32_t ch = 0; ch < channels; ch++)
+                seed += copysign(fmax(fabs(off[ch]), fabs(least[ch] * x->jump[ch])), off[ch]) * x->jump[ch];
+            if (seed == 0) continue;
+            sink_put(k, used, x);
+            batch_set(k->b, SLT_IN_SEED0, used++, seed * x->weight);
+        }
+        accum_call(k->acc, k->b, SLT_K_SITE_VJP, used, first + g);
+    }
+}
+
 static void emit_forward(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n) {
     Batch *b = k->b;
     uint32_t channels = b->s->channels;
@@ -331,6 +361,7 @@ static void emit(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n) 
     case SINK_REVERSE:
         emit_reverse(k, c, order, n, k->sizes ? cls & 1 : k->classes > 1 ? cls : 0, 0);
         if (k->sizes && cls & 4) emit_reverse(k, c, order, n, SIZE_GROUP, cls & 2 ? 2 : 1);
+        if (k->noise[0]) emit_noise(k, c, order, n);
         break;
     case SINK_FORWARD: emit_forward(k, c, order, n); break;
     case SINK_KEEP: break;

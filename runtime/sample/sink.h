@@ -6,6 +6,7 @@
 #include "runtime/sample/accum.h"
 #include "runtime/sample/coincide.h"
 #include "runtime/sample/follow.h"
+#include "runtime/sample/parts.h"
 #include "runtime/sample/sketch.h"
 #include "runtime/sample/splat.h"
 
@@ -34,6 +35,8 @@ struct Sink {
     const Grid *grid;
     double scale[3];        /* s_j of the weights: sides of the domain (integral) or of a pixel */
     const float *adjoint;   /* SINK_REVERSE: an image */
+    const float *noise[2];  /* SINK_REVERSE: how far the adjoint is off, and per jump what it is at least; or NULL. What
+                               that weighs goes to the last PARTS_NOISE buffers */
     uint32_t classes;       /* SINK_REVERSE: adjoint buffers, 1 or COSETS */
     bool sizes;             /* SINK_REVERSE: classes as of SINK_PARTS, sizes included */
     const Directions *dirs; /* SINK_FORWARD */
@@ -45,6 +48,7 @@ struct Sink {
     const SltCullList *lists; /* moved: those of the scene */
     bool moved;               /* calls see moved parameters: sink_move */
     Follow *follow;           /* NULL: fingers are not followed */
+    uint8_t *met;             /* Run.met, of all workers */
     bool any_sign;            /* each crossing counts with a random sign */
     Sketch sketch;            /* SINK_INTEGRAL */
     Crossing *thin;           /* [nthin]: of this tile, for thin.h; only where `misses` */

@@ -100,8 +100,10 @@ static double finds(const Worker *w, uint64_t run, uint64_t stride, double befor
             at[i] = parabola(-pos[i], before, g1, before + h, g2);
             at[2 + i] = parabola(pos[2 + i] - length, after, g3, after + h, g4);
         }
-        double meet = near_meets(at, pos);
-        found += meet >= 0 && meet <= length;
+        double aim[NEAR_AIMS];
+        bool any = false, aims = near_aims(at, pos, aim);
+        for (int i = 0; i < NEAR_AIMS && aims; i++) any |= aim[i] >= 0 && aim[i] <= length;
+        found += any;
     }
     return found / SHIFTS;
 }

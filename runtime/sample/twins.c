@@ -53,7 +53,9 @@ bool twins_begin(Run *r) {
         const SltTwins *w = &s->twins[t];
         if (w->site[1] != of) take(b, of = w->site[1], h);
         take(b, w->site[0], g);
-        if (are_one(g, h, w->times, unit)) tied[w->site[0]] = tied[w->site[1]] = any = true;
+        if (!are_one(g, h, w->times, unit)) continue;
+        any = true;
+        for (int i = 0; i < 2; i++) tied[w->site[i]] |= w->times > 0 ? TWINS_ALIKE : TWINS_OPPOSED;
     }
     b->args.cull = lists;
     if (any) r->tied = tied;

@@ -59,6 +59,24 @@ class Fit(Case):
         self.assertIn("--lr 0.5 changes nothing", self.run_cli("fit", "scene.json", "--lr", "0.5", "--samples", 64).err)
         self.assertEqual(self.run_cli("fit", "scene.json", "--samples", 64).err, "")
 
+    def test_seeds(self):
+        args = ("fit", "e.salt", "--target", "t.exr", "--iters", 6)
+        alone = [self.json_cli(*args, "--seed", k)["loss"] for k in (2, 3, 4, 5)]
+        j = self.json_cli(*args, "--seeds", "2..5", "-o", "out")
+        self.assertEqual((j["seeds"], j["losses"]), ([2, 5], alone))
+        self.assertEqual((j["least"], j["most"], j["median"]), (min(alone), max(alone), sum(sorted(alone)[1:3]) / 2))
+        r = self.run_cli(*args, "--seeds", 3, "-o", "out")
+        self.assertIn("the median of 3 seeds", r.out)
+        self.assertEqual(r.err.count("saltus: seed"), 3)
+        self.assertFalse(os.path.exists(self.path("out")))  # nothing is written
+        self.put("scene.json", json.dumps({"shader": "e.salt", "target": "t.exr", "seed": 9, "params": {"r": {"lr": 0.02}}, "optimizer": {"iters": 6}, "output": "out"}))
+        two = self.json_cli("fit", "scene.json", "--seeds", "1..2")["losses"]
+        self.assertEqual(two, [self.json_cli("fit", "scene.json", "--seed", k, "-o", "p.json")["loss"] for k in (1, 2)])
+        for bad in ("0", "5..2", "x", "1..", "1...3", "0..3", "1..2000"):
+            self.run_cli(*args, "--seeds", bad, code=2)
+        self.run_cli(*args, "--seeds", "2", "--checkpoint", "c.bin", code=2)
+        self.run_cli("fit", "e.salt", "--target", "missing.exr", "--seeds", "2", code=4)
+
     def test_same_bits_again(self):
         args = ["fit", "e.salt", "--target", "t.exr", "--iters", 6, "--seed", 4]
         runs = []

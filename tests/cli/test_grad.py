@@ -421,6 +421,23 @@ class Check(Case):
             self.assertGreater(row["step"], 1e-3)
             self.assertTrue(row["pass"])
 
+    def test_order_of_the_truncation(self):
+        """Of p + p^3 the error of a difference is h^2, a third of what doubling h changes; of p + 3 p |p| it is 3 h, all of it."""
+        for term, truncation in (("p * p * p", 0.01), ("3.0 * p * abs(p)", 0.3)):
+            self.put("t.salt", "param float p = 0.0;\nshader float main(float x) { return p + %s; }\n" % term)
+            (row,) = self.json_cli("check", "t.salt", "--precision", "f64", "--step", 0.1)["rows"]
+            self.assertAlmostEqual(row["truncation"], truncation, delta=1e-6)
+            self.assertAlmostEqual(row["ad"], 1, delta=1e-6)
+            self.assertLess(abs(row["z"]), 1.1)
+
+    def test_rows_of_long_arrays_are_sure(self):
+        """Of 64 components nearly all estimates are as large as their noise; the rows are those that are known."""
+        self.put("a.salt", "param float g[64] = init(f);\nfloat f(int i) { return i * 0.01; }\n"
+                 "shader float main(float2 x) { float w = rand(); int i = min(int(rand() * 4000.0), 63);\n"
+                 "    return i < 60 ? 60.0 * g[i] : 0.04 * (g[60] + 0.9 * g[61] + 0.8 * g[62]) * w; }\n")
+        rows = self.json_cli("check", "a.salt", "--samples", 16384, code=None)["rows"]
+        self.assertEqual([r["param"] for r in rows[:3]], ["g[60]", "g[61]", "g[62]"])
+
 
 class Explain(Case):
     def test_sections(self):

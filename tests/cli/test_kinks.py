@@ -111,6 +111,64 @@ class Kinks(Case):
                 self.assertLess(abs(j["gradient"]["b"] - 2), 0.01)
                 self.assertGreater(j["stderr"]["b"], 1.7)
 
+    def sides_of(self, params, body, truth, ways=WAYS, samples="2^16"):
+        """Each derivative lies between those to its two sides, as truth has them, and the error reaches them."""
+        for way in ways:
+            with self.subTest(body=body, way=way):
+                self.put("s.salt", " ".join("param %s;" % p for p in params) + " [Domain(-1.0, 1.0)] shader float main(float2 x) { float f = 0.0; %s return f; }" % body)
+                j = self.json_cli("grad", "s.salt", "--integral", "--estimator", way[0], "--precision", way[1], "--samples", samples)
+                size = max(abs(v) for s in truth.values() for v in s)
+                for name, (lo, hi) in truth.items():
+                    p, _, i = name.partition(".")
+                    got, error = (j[k][p] if not i else j[k][p][int(i)] for k in ("gradient", "stderr"))
+                    off = max(0, lo - got, got - hi)
+                    self.assertLess(off, 4 * error + 2e-3 * size, (name, got, error))
+                    self.assertGreater(error, 0.45 * (hi - lo) / 2, (name, got, error))
+                self.assertIn("coincident", [w["code"] for w in j["warnings"]])
+
+    def test_three(self):
+        """Of three that are equal any may be the one that is seen."""
+        d, all_of = "float d = length(x); ", 0.8 * math.pi
+        for body in ("[Disc] if (d < a || d < b || d < c) f = 1.0;", "[Disc] if (d < a && d < b && d < c) f = 1.0;", "[Disc] if (d < min(a, min(b, c))) f = 1.0;",
+                     "[Disc] if (min(d - a, min(d - b, d - c)) < 0.0) f = 1.0;", "[Disc] if (d < a) f = 1.0; [Disc] if (d < b) f = 1.0; [Disc] if (d < c) f = 1.0;"):
+            self.sides_of(["float %s = 0.4" % p for p in "abc"], d + body, {p: (0, all_of) for p in "abc"})
+
+    def test_discs_of_one_place(self):
+        """Whichever way one centre goes, that side of its disc shows."""
+        disc = "length(x - float2(%sx, %sy)) < %s"
+        centres = ["float %s%s = %s" % (p, k, v) for p in "ab" for k, v in (("x", "0.1"), ("y", "0.2"))]
+        self.sides_of(centres, "[Disc] if (%s || %s) f = 1.0;" % (disc % ("a", "a", "0.3"), disc % ("b", "b", "0.3")), {p + k: (-0.6, 0.6) for p in "ab" for k in "xy"})
+        self.sides_of(centres + ["float r = 0.3", "float q = 0.3"], "[Disc] if (%s) f = 1.0; [Disc] if (%s) f = 3.0;" % (disc % ("a", "a", "r"), disc % ("b", "b", "q")),
+                      {"ax": (-0.6, 0.6), "by": (-0.6, 0.6), "r": (0, 0.6 * math.pi), "q": (1.2 * math.pi, 1.8 * math.pi)})
+
+    def test_border(self):
+        """A boundary on the border of the domain moves in or out of it."""
+        self.sides_of(["float a = 1.0"], "[Disc] if (x.x < a) f = 1.0 + 0.5 * x.y;", {"a": (0, 2)})
+        self.sides_of(["float a = -1.0"], "[Disc] if (x.x > a) f = 1.0;", {"a": (-2, 0)})
+        self.sides_of(["float a = 1.0", "float b = 0.3"], "[Disc] if (x.x < a && x.y < b) f = 1.0;", {"a": (0, 1.3), "b": (2, 2)})
+        self.sides_of(["float w = 1.0", "float h = 1.0"], "[Disc] if (max(abs(x.x) - w, abs(x.y) - h) < 0.0) f = 1.0;", {"w": (0, 4), "h": (0, 4)})
+        self.sides_of(["float p[2] = { 1.0, 0.5 }"], "for (int i = 0; i < 2; i++) { [Disc] if (x.y < p[i]) f += 1.0; }", {"p.0": (0, 2), "p.1": (2, 2)})
+
+    def test_nothing_on_the_border(self):
+        """What ends there and does not move, or moves along it, is no kink."""
+        for body in ("[Disc] if (x.x < 1.0) f = x.y < a ? 1.0 : 2.0;", "[Disc] if (x.y < a + 0.1 * x.x) f = 1.0;", "[Disc] if (x.x * x.x < 1.0) f = a * x.y * x.y;",
+                     "f = max(x.x - 1.0, 0.0) + a * x.x;", "[Disc] if (length(x) < 1.0) f = a;"):
+            for way in WAYS:
+                with self.subTest(body=body, way=way):
+                    self.put("s.salt", "param float a = 0.3; [Domain(-1.0, 1.0)] shader float main(float2 x) { float f = 0.0; %s return f; }" % body)
+                    j = self.json_cli("grad", "s.salt", "--integral", "--estimator", way[0], "--precision", way[1], "--samples", "2^15")
+                    self.assertNotIn("coincident", [w["code"] for w in j["warnings"]])
+
+    def test_polygon(self):
+        """A square by crossings with an edge, whose ends each edge has for itself: where one end moves alone, another edge ends there."""
+        v = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]
+        params, body = [], ""
+        for i in range(4):
+            for name, (x, y) in (("a", v[i]), ("b", v[(i + 1) % 4])):
+                params.append("float2 %s%d = float2(%r, %r)" % (name, i, x, y))
+            body += "[Disc] if ((a{0}.y > x.y) != (b{0}.y > x.y) && x.x < (b{0}.x - a{0}.x) * (x.y - a{0}.y) / (b{0}.y - a{0}.y) + a{0}.x) f = 1.0 - f; ".format(i)
+        self.sides_of(params, body, {"a0.1": (-1, 0), "b0.1": (-1, 0), "a1.0": (0.5, 0.5), "a1.1": (-1.5, -0.5), "b1.1": (0.5, 1.5), "a2.1": (0, 1), "b2.1": (0, 1), "b3.1": (-0.5, 0.5)})
+
 
 if __name__ == "__main__":
     unittest.main()

@@ -230,6 +230,34 @@ class Chance(Case):
                 self.assertLessEqual(sum(o > 2 * j["stderr"]["r"] for o, j in zip(off, runs)), 2)
 
 
+class Adjoint(Case):
+    """The adjoint of a loss comes of samples too, and its error is a part of the bar: by the lattice two bars hold the truth."""
+
+    def test_bars(self):
+        for name, body, spp in (("edge", "x.x < r", 4), ("oblique edge", "x.x + 0.5 * x.y < r", 16), ("disc", "length(x - float2(0.013, 0.027)) < r", 4), ("chance", None, 16)):
+            with self.subTest(name):
+                f = "float f = r * rand() * (1.0 + x.x);" if body is None else "float f = 0.0; [Disc] if (%s) f = 1.0;" % body
+                self.put("p.salt", "param float r = 0.4;\n[Domain(-1.0, 1.0)] shader float main(float2 x) { %s return f; }" % f)
+                self.run_cli("render", "p.salt", "--size", 32, "--spp", 256, "--param", "r=0.47", "-o", "t.npy", "--quiet")
+                run = lambda seed, n: self.json_cli("grad", "p.salt", "--target", "t.npy", "--size", 32, "--seed", seed, "--spp", n, "--estimator", "lattice", "--quiet")
+                truth = statistics.fmean(run(1000 + s, 1024)["gradient"]["r"] for s in range(3))
+                runs = [run(s, spp) for s in range(1, 25)]
+                off = [abs(j["gradient"]["r"] - truth) for j in runs]
+                bars = [j["stderr"]["r"] for j in runs]
+                self.assertLessEqual(sum(o > 2 * b for o, b in zip(off, bars)), 2)
+                self.assertFalse(any(o > 4 * b for o, b in zip(off, bars)))
+                self.assertLess(statistics.median(bars), 2.5 * math.sqrt(statistics.fmean(o * o for o in off)))
+
+    def test_halves_that_agree(self):
+        """One pixel, and two halves of its samples that see the same: still a sample of the jump may be missed."""
+        self.put("p.salt", "param float a = 0.3;\nshader float main(float x) { float f = 0.0; [Disc] if (x < a) f = 1.0; return f; }")
+        self.put("t.npy", write_npy((1, 1, 1), [0.5]))
+        for seed in range(1, 9):
+            j = self.json_cli("grad", "p.salt", "--target", "t.npy", "--size", 1, "--spp", 256, "--estimator", "lattice", "--seed", seed, "--quiet")
+            self.assertLessEqual(abs(j["gradient"]["a"] + 0.4), 4 * j["stderr"]["a"])
+            self.assertLess(j["stderr"]["a"], 0.03)
+
+
 class Grids(Case):
     """Textures and heights as what is fitted: masks, smoothing, rates of their own, files in views, what the folder holds."""
     SHADER = """

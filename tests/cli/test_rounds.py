@@ -137,6 +137,7 @@ class Rounds(Case):
         self.assertIn("discs 1 -> 2", r.err)
         self.assertEqual(self.get("out/loss.csv").count(b"\n"), 61)
         self.assertEqual(len(os.listdir(self.path("out/frames"))), 60 // 10 + 2)
+        self.assertEqual(self.get("out/loss.svg").count(b"stroke-dasharray"), 1)  # where the program was
         self.assertEqual(len(json.loads(self.get("out/fitted.json"))["discs"]), 2)
         self.run_cli("render", "s.salt", "--params", "out/fitted.json", "--size", 4, "-o", "a.png")
 

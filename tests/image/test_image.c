@@ -470,6 +470,12 @@ static void plot(void **state) {
     assert_non_null(strstr(svg, ">0.002<"));
     assert_non_null(strstr(svg, ">0.05<"));
     free(svg);
+    double few[2] = {0.003, 0.06}; /* one power of ten between them is not enough to read values by */
+    PlotSeries falls = {.x = x, .y = few, .count = 2};
+    svg = plot_svg(&(PlotOptions){.log_y = true}, &falls, 1, &err);
+    assert_non_null(svg);
+    assert_true(strstr(svg, ">0.005<") && strstr(svg, ">0.01<") && strstr(svg, ">0.02<") && !strstr(svg, ">0.03<"));
+    free(svg);
     double flat[2] = {3, 3}, zero[2] = {0, 0};
     PlotSeries odd[1] = {{.x = flat, .y = zero, .count = 2}};
     PlotOptions modes[3] = {

@@ -107,7 +107,7 @@ static void nearest_of_many(void **state) {
                stats.seconds);
     if (!(sqrt(off / size) <= 1e-6)) fail_msg("off by %g", sqrt(off / size));
     if (stats.left > 0) fail_msg("left %g", stats.left);
-    if (stats.evaluations > 308000) fail_msg("%llu evaluations", (unsigned long long)stats.evaluations);
+    if (stats.evaluations > 300000) fail_msg("%llu evaluations", (unsigned long long)stats.evaluations);
     slt_program_free(p);
     free(source);
 }
