@@ -98,6 +98,8 @@ struct Cli {
     const char *plain_lr;       /* of the command line, for all parameters */
     SltSet faces[CLI_MAX_LIST]; /* of --smooth-faces */
     uint32_t nfaces;
+    SltSet grids[CLI_MAX_LIST]; /* of --smooth-grid */
+    uint32_t ngrids;
     const char *loss;           /* of CLI_LOSSES; NULL: the scene's, or l2 */
     uint32_t views_per_step;    /* 0: all */
     int schedule;               /* SltFitSchedule */
@@ -154,6 +156,8 @@ void cli_wrote(Cli *c, const char *fmt, ...) __attribute__((format(printf, 2, 3)
 /* Compiles the file, standard input or expression, prints diagnostics, sets parameters and wrt. *out must be freed also
  * on failure. */
 int cli_compile(Cli *c, SltProgram **out);
+/* The values of --params and --param again, over others that a scene has set since. */
+int cli_set_values(Cli *c, SltProgram *p);
 void cli_tell(Cli *c, SltProgram *p);            /* prints the diagnostics that are new since the last time */
 int cli_fail(const Cli *c, const SltError *err); /* prints the error, returns its status */
 /* Prints an error on standard error and returns its status: `saltus: text`, with --json one object on a line, in the

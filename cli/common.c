@@ -320,6 +320,16 @@ static SltStatus set_values(Cli *c, SltProgram *p, const char *values, const Slt
     return status;
 }
 
+int cli_set_values(Cli *c, SltProgram *p) {
+    SltError err = {0}, read = {0};
+    uint8_t *values = NULL;
+    size_t size;
+    if (c->params_file) file_read_all(c->params_file, &file_text, &values, &size, &read);
+    SltStatus status = set_values(c, p, (const char *)values, &read, &err);
+    free(values);
+    return status == SLT_OK ? SLT_OK : cli_fail(c, &err);
+}
+
 int cli_compile(Cli *c, SltProgram **out) {
     SltError err = {0}, read = {0};
     uint8_t *values = NULL;

@@ -58,6 +58,10 @@ static int apply_scene_params(Fit *f) {
             if (status != SLT_OK) return cli_fail(f->c, &err);
         }
     }
+    if (f->c->params_file) { /* to go on from: it wins over where the scene began */
+        int status = cli_set_values(f->c, f->p);
+        if (status != SLT_OK) return status;
+    }
     return f->c->nwrt || fit_choose_wrt(f, &err) == SLT_OK ? SLT_OK : fail_scene(f, &err);
 }
 
@@ -88,6 +92,7 @@ static int collect_numbers(Fit *f) {
     f->masks = cli_need(calloc(f->scene.nparams + 1, sizeof *f->masks));
     o->rates = f->rates, o->smooth = f->smooth, o->rate_masks = f->masks;
     o->smooth_faces = c->faces, o->nsmooth_faces = c->nfaces;
+    o->smooth_grids = c->grids, o->nsmooth_grids = c->ngrids;
     for (uint32_t k = 0; k < c->nlr; k++)
         if (!c->lr[k].name) f->rates[o->nrates++].value = strtod(c->lr[k].value, NULL);
     for (uint32_t k = 0; k < f->scene.nparams; k++) {

@@ -160,7 +160,7 @@ static SltStatus compile_again(Fit *f, const char *values, SltError *err) {
         s = api_compile_resized(old, values, &all[k]);
         cli_need(all[k]);
         if (s == SLT_OK) slt_set_print(all[k], old->on_print, old->on_print_user, NULL);
-        else status_fail(err, SLT_CHECK_FAILED, "%s: %s%s", what, slt_diagnostics_text(all[k]), slt_last_error(all[k]));
+        else status_fail(err, s, "%s: %s%s", what, slt_diagnostics_text(all[k]), slt_last_error(all[k]));
     }
     for (uint32_t k = 0; k <= f->nentries; k++) {
         SltProgram **own = k ? &f->entries[k - 1] : &f->p, *old = *own;
@@ -217,7 +217,8 @@ SltStatus fit_change(Fit *f, const Round *r, SltError *err) {
     f->kept = slt_params_json(f->p);
     SltStatus s = f->kept ? ask(f, r, &answer, &n, err) : status_fail(err, SLT_LIMIT, "out of memory");
     if (s == SLT_OK) s = read_answer(f, f->kept, answer, n, &values, &lengths, err);
-    if (s == SLT_OK && set(f, values, lengths.differ, err) != SLT_OK) s = err->status = SLT_CHECK_FAILED;
+    if (s == SLT_OK) s = set(f, values, lengths.differ, err);
+    if (s != SLT_OK && s != SLT_LIMIT && s != SLT_INTERRUPTED) s = err->status = SLT_CHECK_FAILED;
     if (s == SLT_OK) tell(f, lengths.text);
     free(answer);
     free(values);

@@ -251,13 +251,16 @@ static int set_smooth(Cli *c, const Option *o, const char *v) {
     return set_rates(c, o->name, v, c->smooth, &c->nsmooth);
 }
 
-static int set_faces(Cli *c, const Option *o, const char *v) {
+static int set_pair(Cli *c, const Option *o, const char *v, SltSet *list, uint32_t *n) {
     Assign a;
-    if (!split_assign(c, v, &a)) return cli_usage(c, "%s wants P=F, not `%s`", o->name, v);
-    if (c->nfaces == CLI_MAX_LIST) return too_many(c, o->name);
-    c->faces[c->nfaces++] = (SltSet){a.name, a.value};
+    if (!split_assign(c, v, &a)) return cli_usage(c, "%s wants %s, not `%s`", o->name, o->arg, v);
+    if (*n == CLI_MAX_LIST) return too_many(c, o->name);
+    list[(*n)++] = (SltSet){a.name, a.value};
     return SLT_OK;
 }
+
+static int set_faces(Cli *c, const Option *o, const char *v) { return set_pair(c, o, v, c->faces, &c->nfaces); }
+static int set_grid(Cli *c, const Option *o, const char *v) { return set_pair(c, o, v, c->grids, &c->ngrids); }
 
 static int set_schedule(Cli *c, const Option *o, const char *v) {
     static const char exponential[] = "exponential=";

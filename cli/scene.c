@@ -133,7 +133,23 @@ static bool is_spec(json_t *j) {
     return json_is_object(j) &&
            (json_object_get(j, "value") || json_object_get(j, "file") || json_object_get(j, "grad") ||
             json_object_get(j, "lr") || json_object_get(j, "smooth") || json_object_get(j, "mask") ||
-            json_object_get(j, "faces"));
+            json_object_get(j, "faces") || json_object_get(j, "grid"));
+}
+
+/* "grid": [W, H] or [W, H, D]: the parameter is a grid in one list. */
+static int read_grid(Reader *r, json_t *spec, const char *name) {
+    json_t *grid = json_object_get(spec, "grid"), *side;
+    char text[64] = "";
+    size_t i, n = json_array_size(grid);
+    if (!grid) return SLT_OK;
+    if (n != 2 && n != 3) return bad(r, name, "`grid` is a list of two or three whole numbers");
+    json_array_foreach(grid, i, side) {
+        if (!json_is_integer(side) || json_integer_value(side) < 1 || json_integer_value(side) > 1 << 28)
+            return bad(r, name, "`grid` is a list of two or three whole numbers");
+        snprintf(text + strlen(text), 16, "%s%d", i ? "x" : "", (int)json_integer_value(side));
+    }
+    if (r->c->ngrids < CLI_MAX_LIST) r->c->grids[r->c->ngrids++] = (SltSet){name, scene_keep(r->s, strdup(text))};
+    return SLT_OK;
 }
 
 static int read_params(Reader *r, json_t *root) {
@@ -147,12 +163,13 @@ static int read_params(Reader *r, json_t *root) {
         *p = (FitParam){.name = scene_keep(r->s, strdup(key)), .grad = -1, .lr = -1, .smooth = -1};
         json_t *value = j;
         if (is_spec(j)) {
-            int status = known_keys(r, j, key, KEYS("value", "file", "grad", "lr", "smooth", "mask", "faces"));
+            int status = known_keys(r, j, key, KEYS("value", "file", "grad", "lr", "smooth", "mask", "faces", "grid"));
             if (status == SLT_OK) status = text_of(r, j, "file", &p->file, true);
             if (status == SLT_OK) status = text_of(r, j, "mask", &p->mask, true);
             if (status == SLT_OK) status = text_of(r, j, "faces", &p->faces, false);
             if (status == SLT_OK && p->faces && r->c->nfaces < CLI_MAX_LIST)
                 r->c->faces[r->c->nfaces++] = (SltSet){p->name, p->faces};
+            if (status == SLT_OK) status = read_grid(r, j, p->name);
             if (status == SLT_OK) status = number_of(r, j, "lr", 0, 1e30, &p->lr);
             if (status == SLT_OK) status = number_of(r, j, "smooth", 0, 1e30, &p->smooth);
             if (status != SLT_OK) return status;

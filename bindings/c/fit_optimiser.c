@@ -1,5 +1,6 @@
 /* The optimiser of a fit: learning rates, bounds, scales and smoothing of its floats. */
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -56,6 +57,24 @@ static SltStatus find_edges(const SltFit *f, const char *name, const uint32_t si
     return status;
 }
 
+/* The sizes of a list that is a grid, where the options say so. */
+static SltStatus find_sizes(const SltFit *f, const char *name, uint32_t size[3], SltError *err) {
+    for (uint32_t k = 0; k < f->opt.nsmooth_grids; k++) {
+        const SltSet *g = &f->opt.smooth_grids[k];
+        unsigned n[3] = {1, 1, 1};
+        int end = 0, whole = g->value ? (int)strlen(g->value) : 0;
+        if (!g->name || strcmp(g->name, name) != 0) continue;
+        bool read = g->value && ((sscanf(g->value, "%ux%u%n", &n[0], &n[1], &end) == 2 && end == whole) ||
+                                 (sscanf(g->value, "%ux%ux%u%n", &n[0], &n[1], &n[2], &end) == 3 && end == whole));
+        if (!read || size[1] > 1 || size[2] > 1 || (double)n[0] * n[1] * n[2] != size[0])
+            return status_fail(err, SLT_USAGE, "`%s` is no grid of %s in one list: it has %u elements%s", name,
+                               read ? g->value : "WxH or WxHxD", size[0], size[1] > 1 ? " of lists" : "");
+        memcpy(size, n, sizeof n);
+        break; /* the first: a scene's come behind those of the command line */
+    }
+    return SLT_OK;
+}
+
 static SltStatus find_grid(SltFit *f, const SltFitNumber *smooth, OptimiseGrid *g, SltError *err) {
     ParamRef at;
     SltStatus status = fit_find_param(f->p, smooth->name, "smoothing", &at, err);
@@ -74,6 +93,8 @@ static SltStatus find_grid(SltFit *f, const SltFitNumber *smooth, OptimiseGrid *
                 err, SLT_USAGE,
                 "`%s` cannot be smoothed: a grid of floats or vectors, of up to three dimensions, is wanted",
                 smooth->name);
+        status = find_sizes(f, smooth->name, size, err);
+        if (status != SLT_OK) return status;
     } else {
         return status_fail(err, SLT_USAGE, "`%s` cannot be smoothed: a texture or an array is wanted", smooth->name);
     }

@@ -159,9 +159,15 @@ static bool is_silenced(const Seams *s, Span at) {
     return false;
 }
 
+/* The cut of an angle lies where its y says. */
+static bool turns_by_a_parameter(const Seams *s, const Inst *i) {
+    uint8_t on = i->op == OP_fatan2 ? s->dep[i->args[0]->id].on : 0;
+    return (on & DEPENDS_SLOPE) && (on & DEPENDS_PARAM);
+}
+
 /* May f jump where this does, at a place that moves, and nothing be integrated? */
 static SeamUpset upset_of(const Seams *s, const Inst *i) {
-    if (class_of(s, i) != CLASS_JUMP || !depend_jumps(s->dep, i)) return UPSETS_NOTHING;
+    if (class_of(s, i) != CLASS_JUMP || !(depend_jumps(s->dep, i) || turns_by_a_parameter(s, i))) return UPSETS_NOTHING;
     if (s->integers || !is_silenced(s, i->span)) return UPSETS_UNSEEN;
     return s->tagged[i->id] ? UPSETS_SITES : UPSETS_NOTHING;
 }

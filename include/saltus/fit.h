@@ -151,6 +151,10 @@ typedef struct SltFitOptions {
      * rounds before had, from where numbers of iterations, random numbers and the schedule go on; and how many all
      * rounds have for the schedule, 0: no more than these and this fit's. */
     uint32_t first, planned;
+    /* Of parameters in `smooth` that are grids in one list, `param float g[N * N * N]`: "WxH" or "WxHxD", the fastest
+     * index first. */
+    const SltSet *smooth_grids; /* [nsmooth_grids] */
+    uint32_t nsmooth_grids;
 } SltFitOptions;
 #define SLT_FIT_OPTIONS_INIT ((SltFitOptions){.struct_size = sizeof(SltFitOptions), .iterations = 200, .every = 10})
 

@@ -62,11 +62,19 @@ SltStatus unmet_add(Run *r, const Boundary *of, double *missed, double *error);
  * 0 where they meet about the same. */
 SltStatus finer_missed(Run *r, const Boundary *of, uint32_t replicates, double *missed);
 
+/* Crossings of which no more is known than how many there are beside those that were found. */
+typedef struct Missed {
+    double number;
+    double *told;           /* [channels][nfloats]: what is missed, as far as it was told and is in the error already;
+                               where this is more, it takes its place */
+    const double *gradient; /* for the sign */
+} Missed;
+
 /* lost.c: adds to the errors of an integral's derivatives, [channels][nfloats], or of a weighted image's, [nfloats],
- * what the crossings weigh that the run has dropped: as many as were found weigh, in the mean. Infinite where none was
- * found. Of `of` the segments (of one replicate) count, the classes, and the adjoint image, NULL for integrals. missed:
- * so many more, of which nothing is known but that so much is in the error already: told (may be NULL). */
-SltStatus lost_add(Run *r, const Boundary *of, uint32_t replicates, double missed, const double *told, double *error);
+ * what the crossings weigh that the run has dropped, or missed (may be NULL): as many as were found weigh, in the mean.
+ * Infinite where none was found. Of `of` the segments (of one replicate) count, the classes, and the adjoint image,
+ * NULL for integrals. */
+SltStatus lost_add(Run *r, const Boundary *of, uint32_t replicates, const Missed *missed, double *error);
 
 /* Shift of replicate r of n along dimension d, in [0, 1): the random number u is the same for all replicates, the
  * stratum of width 1/n is each one's own, in another order for each dimension. So the mean over replicates is as good

@@ -217,7 +217,7 @@ static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const 
     }
     for (uint32_t p = 0; p < s->nfloats && stderr_bound && missed; p++)
         stderr_bound[p] = sqrt(stderr_bound[p] + (parts && memory ? parts_variance(parts, p) : 0)) + fabs(missed[p]);
-    if (st == SLT_OK && !j->no_boundary) st = lost_add(&r, &of, 1, 0, NULL, stderr_bound);
+    if (st == SLT_OK && !j->no_boundary) st = lost_add(&r, &of, 1, NULL, stderr_bound);
     r.stats.seconds_boundary = pool_now() - t;
     mask_inactive(s, gradient), mask_inactive(s, stderr_bound);
     for (uint32_t c = 0; c < classes && classes > 1; c++) free(part[c]);
@@ -395,9 +395,10 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         if ((few_samples && !j->no_interior) || few_lines) unknown_errors(s, out->gradient_stderr, k.size, true);
         if (gradient && !j->no_boundary) {
             Boundary of = {.run = &r, .segments = segments_of(j) / k.n, .classes = 1};
-            double missed = 0;
-            if (out->gradient_stderr) st = finer_missed(&r, &of, k.n, &missed);
-            if (st == SLT_OK) st = lost_add(&r, &of, k.n, missed, out->missed_estimate, out->gradient_stderr);
+            Missed missed = {.told = out->missed_estimate, .gradient = out->gradient};
+            bool asks = missed.told && missed.gradient && out->gradient_stderr;
+            if (asks) st = finer_missed(&r, &of, k.n, &missed.number);
+            if (st == SLT_OK) st = lost_add(&r, &of, k.n, missed.number > 0 ? &missed : NULL, out->gradient_stderr);
         }
         /* Bars that overflow, of slopes as small as 1e-40, are not known either. */
         for (uint64_t i = 0; i < k.size && out->gradient_stderr && out->gradient; i++)
@@ -524,7 +525,10 @@ static SltStatus integral_once(const SltScene *s, const SltJob *job, SltIntegral
     *by = j->estimator;
     if (*by == SLT_EST_QUADRATURE) {
         SltStatus done = quadrature_integral(s, j, out, choice ? &turned : NULL, stats, err);
-        if (!turned) return done;
+        if (!turned) {
+            if (s->met) s->met[s->nsites] = 0; /* what lines have met in cells is no matter */
+            return done;
+        }
         *by = own.estimator = SLT_EST_LATTICE;
     }
     return slt_estimate_sampled(s, j, out, stats, err);

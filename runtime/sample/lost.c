@@ -46,11 +46,11 @@ static SltStatus add_squares(Run *r, Boundary *y, uint32_t n, uint64_t size, dou
     return st;
 }
 
-SltStatus lost_add(Run *r, const Boundary *of, uint32_t replicates, double missed, const double *told, double *error) {
+SltStatus lost_add(Run *r, const Boundary *of, uint32_t replicates, const Missed *missed, double *error) {
     uint32_t channels = r->s->channels, n = of->adjoint ? of->classes : 3 * channels;
     uint64_t size = (uint64_t)(of->adjoint ? 1 : channels) * r->s->nfloats, lost = lost_of(&r->stats),
              kept = kept_of(&r->stats);
-    if ((!lost && !(missed > 0)) || !error) return SLT_OK;
+    if ((!lost && !missed) || !error) return SLT_OK;
     double missing = number_lost(r);
     double *sums = alloc_zero((uint64_t)n * r->s->nfloats + size, sizeof *sums);
     if (!sums) return status_fail(r->err, SLT_LIMIT, "out of memory");
@@ -66,11 +66,13 @@ SltStatus lost_add(Run *r, const Boundary *of, uint32_t replicates, double misse
     r->stats = before, r->stats.evaluations = evaluations;
     /* One replicate of n has kept / n crossings, and its sum is that of the whole boundary. */
     for (uint64_t p = 0; p < size; p++) {
-        bool moves = !r->s->active || r->s->active[p % r->s->nfloats];
+        if (r->s->active && !r->s->active[p % r->s->nfloats]) continue;
         double found = sqrt((double)kept / replicates * squares[p] / replicates);
-        double most = missed / (double)kept * found;
-        if (moves)
-            error[p] += kept ? missing / (double)kept * found + fmax(0, most - fabs(told ? told[p] : 0)) : HUGE_VAL;
+        error[p] += kept ? missing / (double)kept * found : HUGE_VAL;
+        double most = missed && kept ? missed->number / (double)kept * found : 0;
+        if (most <= 0 || most <= fabs(missed->told[p])) continue;
+        error[p] += most - fabs(missed->told[p]);
+        missed->told[p] = copysign(most, missed->gradient[p]);
     }
     free(sums);
     return st;

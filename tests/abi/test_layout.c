@@ -381,6 +381,8 @@ static void write_layout(FILE *out) {
     MEMBER(SltFitOptions, nsmooth_faces);
     MEMBER(SltFitOptions, first);
     MEMBER(SltFitOptions, planned);
+    MEMBER(SltFitOptions, smooth_grids);
+    MEMBER(SltFitOptions, nsmooth_grids);
     END(SltFitOptions);
     ENUM(SltFitStop);
     VALUE(SLT_FIT_RUNNING);

@@ -302,7 +302,8 @@ static void unsmooth(double v[24], double lambda, const int (*edges)[2], int n) 
     }
 }
 
-static void smoothed(const char *source, const SltSet *faces, uint32_t channels, const int (*edges)[2], int nedges) {
+static void smoothed(const char *source, const SltSet *faces, const SltSet *flat, uint32_t channels,
+                     const int (*edges)[2], int nedges) {
     SltProgram *p = compile(source);
     SltJob job = one_pixel();
     SltFitNumber rate = {NULL, 0.01}, smooth = {"v", 3};
@@ -311,6 +312,7 @@ static void smoothed(const char *source, const SltSet *faces, uint32_t channels,
     double before[24];
     o.job = &job, o.minimize = true, o.optimizer = "sgd", o.rates = &rate, o.nrates = 1, o.iterations = 2;
     o.smooth = &smooth, o.nsmooth = 1, o.smooth_faces = faces, o.nsmooth_faces = faces != NULL;
+    o.smooth_grids = flat, o.nsmooth_grids = flat != NULL;
     assert_int_equal(slt_float_count(p), 24);
     memcpy(before, slt_floats(p), sizeof before);
     assert_ok(slt_fit(p, &o, NULL, &err));
@@ -338,7 +340,14 @@ static void smooth_volumes_and_meshes(void **state) {
              "shader float main(float2 x) { float f = 0.0;\n"
              "    for (int i = 0; i < 24; i++) f += v[i / 12][i / 4 % 3][i % 4] * (i + 1);\n"
              "    return f; }\n",
-             NULL, 1, grid, n);
+             NULL, NULL, 1, grid, n);
+    static const char list[] = "float zero(int i) { return 0.0; }\n"
+                               "param float v[24] = init(zero);\n"
+                               "shader float main(float2 x) { float f = 0.0;\n"
+                               "    for (int i = 0; i < 24; i++) f += v[i] * (i + 1);\n"
+                               "    return f; }\n";
+    SltSet flat = {"v", "4x3x2"};
+    smoothed(list, NULL, &flat, 1, grid, n);
     static const char mesh[] = "float3 zero(int i) { return float3(0.0); }\n"
                                "param float3 v[8] = init(zero);\n"
                                "param int3 f[3] = {int3(0, 1, 2), int3(2, 1, 3), int3(4, 5, 6)};\n"
@@ -347,7 +356,7 @@ static void smooth_volumes_and_meshes(void **state) {
                                "    return s; }\n";
     static const int edges[][2] = {{0, 1}, {1, 2}, {2, 0}, {1, 3}, {3, 2}, {4, 5}, {5, 6}, {6, 4}};
     SltSet faces = {"v", "f"};
-    smoothed(mesh, &faces, 3, edges, 8);
+    smoothed(mesh, &faces, NULL, 3, edges, 8);
     /* Faces that are none. */
     SltProgram *p = compile(mesh);
     SltFitNumber smooth = {"v", 3};
@@ -360,6 +369,15 @@ static void smooth_volumes_and_meshes(void **state) {
     assert_non_null(strstr(err.text, "face 1 of `f` has the vertex 8"));
     faces.value = "v";
     assert_int_equal(slt_fit(p, &o, NULL, &err), SLT_USAGE);
+    slt_program_free(p);
+    static const char *const wrong[] = {"4x3", "4x3x3", "4x3x2x1", "4x3x2 ", "24", "", "x"};
+    p = compile(list);
+    o.smooth_faces = NULL, o.nsmooth_faces = 0, o.smooth_grids = &flat, o.nsmooth_grids = 1;
+    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+        flat.value = wrong[i];
+        assert_int_equal(slt_fit(p, &o, NULL, &err), SLT_USAGE);
+        assert_non_null(strstr(err.text, "`v` is no grid of"));
+    }
     slt_program_free(p);
 }
 

@@ -66,6 +66,8 @@ class Hidden(Case):
                 for seed in 0, 1, 2:
                     j = self.json_cli("grad", "p.salt", "--integral", "--estimator", "lattice", "--seed", seed, "--quiet")
                     self.assertLess(abs(j["gradient"]["r"] - math.pi / 2), 4 * j["stderr"]["r"])
+                    if k != 150:
+                        self.assertGreater(j["missed_estimate"]["r"], 0.5 * j["stderr"]["r"])  # which is told in words, too
         self.put("p.salt", "param float r = 0.25; shader float main(float2 x) { float f = 0.0; [Disc] if (length(x - 0.5) < r) f = 1.0; return f; }")
         for samples in 2 ** 10, 2 ** 14, 2 ** 18:
             j = self.json_cli("grad", "p.salt", "--integral", "--estimator", "lattice", "--samples", samples, "--quiet")

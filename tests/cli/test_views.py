@@ -142,6 +142,15 @@ class Views(Case):
         self.run_cli("fit", "s/scene.json", "--param", "f=[[0,1,2],[2,0,3]]", "--resume", "c.bin", code=4)
         self.scene["params"]["v"]["faces"] = "g"
         self.fit(code=2)
+        # The same four as a grid of two by two, which has other neighbours than a list.
+        self.scene["params"] = {"v": {"smooth": 5, "grid": [2, 2]}}
+        grid = self.fit()
+        self.assertNotEqual(grid["losses"], plain["losses"])
+        self.scene["params"] = {}
+        self.assertEqual(self.fit("--smooth", "v=5", "--smooth-grid", "v=2x2"), grid)
+        for bad, code in (([2, 3], 2), ([4], 4), (4, 4), ([2, 2.5], 4), ([0, 4], 4)):
+            self.scene["params"] = {"v": {"smooth": 5, "grid": bad}}
+            self.assertIn("grid", self.fit(code=code).err)
 
     def test_zero_by_chance(self):
         """A gradient that the first samples make zero is no convergence: here one pixel alone holds the edge."""
@@ -186,6 +195,14 @@ class Views(Case):
         self.assertEqual(self.fit("--iters", 9), plain)
         for args in (["--schedule", "slow"], ["--schedule", "exponential=2"], ["--betas", "0.9"], ["--betas", "1,0.9"], ["--views-per-step", 3]):
             self.fit(*args, code=2)
+
+    def test_going_on(self):
+        """What a fit has found (--params) wins over where the scene says that it begins, and --param over both."""
+        self.scene["params"] = {"r": {"value": 0.3}, "gain": {"value": 1, "grad": False}}
+        self.put("found.json", json.dumps({"r": 0.2, "gain": 0.7}))
+        on = self.fit("--iters", 1, "--params", "found.json", "--param", "gain=0.9")
+        self.scene["params"]["r"]["value"], self.scene["params"]["gain"]["value"] = 0.2, 0.9
+        self.assertEqual(on, self.fit("--iters", 1))
 
     def test_patterns(self):
         self.put("s/a.salt", "struct Spot { float2 at; float ink; };\nparam Spot spots[2] = {{float2(0.3), 0.5}, {float2(0.6), 0.8}};\n"

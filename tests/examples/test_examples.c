@@ -59,6 +59,8 @@ static const Example examples[] = {
     {"swept_brush/grid.salt", "--set G=17", "48x48", "--target " EXAMPLES "/swept_brush/swept.png --size 48x48"},
     {"ellipsoids/dog.salt", "--param azimuth=0.7 --param elevation=0.4", "48x48", NULL},
     {"ellipsoids/ellipsoids.salt", "", "48x48", "--target " EXAMPLES "/binary_grid/target.png --size 48x48"},
+    {"shadow_art_3/letters.salt", "--entry b", "48x48", NULL},
+    {"shadow_art_3/parts.salt", "--set N=60", "48x48", NULL},
     {"raymarch/raymarch.salt", "", "48x40", NULL},
     {"cel_shading/cel.salt", "", "48x48",
      "--target " EXAMPLES "/cel_shading/target.png --size 64x64 --wrt steps,light --lr light=0.1"},
@@ -70,6 +72,7 @@ static const Example examples[] = {
     {"mesh_views/mesh.salt", "", "48x48",
      "--target " EXAMPLES "/mesh_views/target.png --size 32x32 --wrt v --param at=60,15 --lr v=0.003"},
     {"external_loss/discs.salt", "", "48x48", NULL},
+    {"growing_discs/discs.salt", "", "60x40", "--target " EXAMPLES "/growing_discs/photo.png --size 60x40"},
     {"pathtrace/terrain.salt", "--set BOUNCES=1", "24x16", NULL},
     {"pathtrace/soft_sun.salt", "--entry sites --set BOUNCES=0", "24x16", NULL},
     {"pathtrace/soft_sun.salt", "--entry slices --set BOUNCES=0", "24x16", NULL},
@@ -124,11 +127,36 @@ static void test_fit(void **state) {
     }
 }
 
+/* What a page says of its scene, at less than its size: by how much the loss falls at least. */
+static const struct {
+    const char *scene;
+    double falls;
+} scenes[] = {
+    {"binary_grid/scene.json --size 64 --spp 8 --interior samples --set G=33", 1000},
+    {"csg/scene.json --size 12x12x12", 25},
+    {"ellipsoids/scene.json --size 24 --iters 40 --set N=80", 25},
+    {"mesh_views/scene.json --size 24 --spp 2 --iters 30", 50},
+    {"shadow_art_3/scene.json --size 32 --iters 40 --set N=100", 25},
+};
+
+static void test_scenes(void **state) {
+    (void)state;
+    for (size_t i = 0; i < sizeof scenes / sizeof *scenes; i++) {
+        char line[1024], out[16384];
+        double before = 0, after = 0;
+        snprintf(line, sizeof line, "saltus fit " EXAMPLES "/%s -o fit", scenes[i].scene);
+        if (scratch_run(out, sizeof out, line) != 0) fail_msg("%s: %s", scenes[i].scene, out);
+        scratch_fit_losses(out, &before, &after);
+        if (!(after * scenes[i].falls < before)) fail_msg("%s: %s", scenes[i].scene, out);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_render),
         cmocka_unit_test(test_check),
         cmocka_unit_test(test_fit),
+        cmocka_unit_test(test_scenes),
     };
     return cmocka_run_group_tests(tests, set_up, scratch_drop);
 }

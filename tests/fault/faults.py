@@ -31,6 +31,13 @@ SCENE = """{"shader": "circle.salt", "target": "small.npy", "size": [4, 4], "par
  "optimizer": {"iters": 2}}"""
 PARAMS = '{"radius": 0.3, "ink": 0.7}'
 
+ROUNDS_SALT = """param float2 discs[] = {float2(0.3, 0.2)};
+[Domain(-1.0, 1.0)]
+shader float main(float2 x) { float f = 0.25; for (int i = 0; i < len(discs); i++) { [Disc] if (length(x - discs[i]) < 0.4) f = 1.0; } return f; }
+"""
+ROUNDS = """{"shader": "rounds.salt", "target": "small.npy", "size": [4, 4], "rounds": {"iters": 1, "command": "exec env -u LD_PRELOAD cat answer.json"}, "optimizer": {"iters": 2}}"""
+ANSWER = """{"params": {"discs": [[0.3, 0.2], [-0.3, 0.1]]}}"""
+
 # name: what it does, its outputs, which an earlier run has written too.
 SMALL = "--size 4x4 --samples 64 --threads 1"
 CASES = {
@@ -46,6 +53,7 @@ CASES = {
     "sandbox": ("render circle.salt --sandbox --interpret %s -o out.png" % SMALL, ["out.png"]),
     "fit": ("fit circle.salt --interpret %s --target small.npy --wrt radius --iters 2 -o out" % SMALL, ["out/fitted.json", "out/loss.csv", "out/image.exr", "out/strip.png"]),
     "fit-scene": ("fit scene.json --interpret --threads 1 -o out", ["out/fitted.json", "out/loss.csv", "out/image.exr", "out/strip.png"]),
+    "fit-rounds": ("fit rounds.json --interpret --threads 1 --allow-commands -o out", ["out/fitted.json", "out/loss.csv", "out/image.exr", "out/strip.png"]),
     "check": ("check circle.salt --interpret --samples 256 --size 2x2 --threads 1 --wrt radius --tolerance 100 --json", []),
     "bench": ("bench circle.salt --interpret --samples 256 --repeats 2 --threads 1 --wrt radius -o out", ["out/bench.csv", "out/bench.json", "out/bench.svg"]),
     "explain": ("explain circle.salt --json", []),
@@ -74,7 +82,7 @@ class Place:
         self.args, self.case = args, case
         self.line, self.outputs = CASES[case]
         self.dir = tempfile.mkdtemp(prefix="saltus-fault-")
-        for name, text in (("circle.salt", SOURCE), ("scene.json", SCENE), ("params.json", PARAMS), ("wrong.salt", SOURCE.replace("ink;", "inc;"))):
+        for name, text in (("circle.salt", SOURCE), ("scene.json", SCENE), ("params.json", PARAMS), ("rounds.salt", ROUNDS_SALT), ("rounds.json", ROUNDS), ("answer.json", ANSWER), ("wrong.salt", SOURCE.replace("ink;", "inc;"))):
             with open(os.path.join(self.dir, name), "w") as f:
                 f.write(text)
         write_npy(os.path.join(self.dir, "small.npy"))

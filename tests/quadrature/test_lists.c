@@ -95,6 +95,37 @@ static void check_node(const Scene *s, const Batch *b, const Square *q) {
     assert_int_equal(list[2].count, n);
 }
 
+/* Every disc and bar that may do something in one of the four quarters, and nothing else. */
+static void check_quarters(const Scene *s, const Batch *b, const Square *q) {
+    const SltCullList *list = b->args.cull;
+    int32_t n = 0, first[4] = {0};
+    bool may, must;
+    for (uint32_t k = 0; k < BARS; k++)
+        if (bar_on(k, &q[0]) || bar_on(k, &q[1])) assert_true(n < list[1].count && list[1].items[n++] == (int32_t)k);
+    assert_int_equal(list[1].count, n);
+    for (uint32_t i = 0; i < 4; i++)
+        for (uint32_t k = 0; k < DISCS; k++) {
+            disc_on(s, k, &q[i], &may, &must);
+            if (must) first[i] = (int32_t)k;
+        }
+    n = 0;
+    for (uint32_t k = 0; k < DISCS; k++) {
+        bool any = false;
+        for (uint32_t i = 0; i < 4; i++) disc_on(s, k, &q[i], &may, &must), any |= may && (int32_t)k >= first[i];
+        if (any) assert_true(n < list[2].count && list[2].items[n++] == (int32_t)k);
+    }
+    assert_int_equal(list[2].count, n);
+}
+
+static void put_squares(Batch *b, const Square *node, uint32_t side, Square *q) {
+    double width = (node->hi[0] - node->lo[0]) / side;
+    for (uint32_t i = 0; i < side * side; i++)
+        for (uint32_t d = 0; d < 2; d++) {
+            q[i].lo[d] = node->lo[d] + (d ? i / side : i % side) * width, q[i].hi[d] = q[i].lo[d] + width;
+            batch_set(b, SLT_IN_X0 + d, i, q[i].lo[d]), batch_set(b, SLT_IN_H0 + d, i, q[i].hi[d]);
+        }
+}
+
 typedef struct Node {
     Square q;
     uint32_t depth;
@@ -137,22 +168,24 @@ static void test_tree(void **unused) {
             lists_enter(&l, &b, node.lists);
             if (node.depth) check_node(&s, &b, &node.q);
             nodes++;
-            Square q[BOXES];
-            double side = (node.q.hi[0] - node.q.lo[0]) / SIDE;
+            Square q[BOXES], quarter[4];
             uint64_t wanted = 0;
-            for (uint32_t i = 0; i < BOXES; i++) {
-                for (uint32_t d = 0; d < 2; d++) {
-                    q[i].lo[d] = node.q.lo[d] + (d ? i / SIDE : i % SIDE) * side, q[i].hi[d] = q[i].lo[d] + side;
-                    batch_set(&b, SLT_IN_X0 + d, i, q[i].lo[d]);
-                    batch_set(&b, SLT_IN_H0 + d, i, q[i].hi[d]);
-                }
-                wanted |= (uint64_t)(random_number() < 0.5) << i;
+            bool narrow = nodes % 2;
+            if (narrow) {
+                put_squares(&b, &node.q, 2, quarter);
+                assert_true(lists_note(&l, &b));
+                batch_call(&b, SLT_K_BOUNDS, 4);
+                assert_true(lists_narrow(&l, &b, 4));
+                check_quarters(&s, &b, quarter);
             }
+            put_squares(&b, &node.q, SIDE, q);
+            for (uint32_t i = 0; i < BOXES; i++) wanted |= (uint64_t)(random_number() < 0.5) << i;
             assert_true(lists_note(&l, &b));
             batch_call(&b, SLT_K_BOUNDS, BOXES);
             assert_true(lists_split(&l, &b, BOXES, wanted));
             assert_null(b.args.note);
-            if (node.depth) check_node(&s, &b, &node.q); /* the node's own still stand */
+            if (narrow) check_quarters(&s, &b, quarter); /* the node's own still stand */
+            else if (node.depth) check_node(&s, &b, &node.q);
             else assert_int_equal(b.args.cull[2].count, -1);
             if (node.depth + 1 == DEPTH) continue;
             for (uint32_t i = 0; i < BOXES; i++) { /* in another order than that of the boxes */
