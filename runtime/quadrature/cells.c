@@ -117,14 +117,21 @@ static uint32_t cuts(const Cells *c, const Box *x, uint32_t d, uint32_t n, doubl
     return made;
 }
 
+/* Is a side of the box more than two floats? */
+static bool has_room(const Cells *c, const Box *box, uint32_t d) {
+    return box->hi[d] > cells_next(c, box->lo[d], HUGE_VAL);
+}
+
 /* Appends the parts of a box to c->cell: in halves along every axis, in quarters in 1D. */
 static void split(Cells *c, const Box *box, const Node *node, uint32_t in_hand, bool whole) {
     enum { MOST = 4 };
     uint32_t parts = whole ? 1 : c->dim == 1 ? 4 : 2;
-    double at[3][MOST + 1] = {{0}}, longest = side(c, box);
+    double at[3][MOST + 1] = {{0}}, longest = 0;
     uint32_t n[3] = {1, 1, 1};
+    for (uint32_t d = 0; d < c->dim; d++)
+        if (has_room(c, box, d)) longest = larger(longest, (box->end[d] - box->lo[d]) / (c->hi[d] - c->lo[d]));
     for (uint32_t d = 0; d < c->dim; d++) {
-        /* A side that is already far shorter than the others is left as it is. */
+        /* A side that is already far shorter than the others is left as it is, if these can be cut. */
         bool thin = (box->end[d] - box->lo[d]) / (c->hi[d] - c->lo[d]) < 0.6 * longest;
         n[d] = cuts(c, box, d, thin ? 1 : parts, at[d]);
     }
@@ -218,7 +225,7 @@ bool cells_spent(Cells *c) {
 /* May it be cut further? */
 bool cells_may_divide(Cells *c, const Cell *cell) {
     bool room = false;
-    for (uint32_t d = 0; d < c->dim; d++) room |= cell->box.hi[d] > cells_next(c, cell->box.lo[d], HUGE_VAL);
+    for (uint32_t d = 0; d < c->dim; d++) room |= has_room(c, &cell->box, d);
     /* Around points little is left, and each level costs the same; along curves each costs twice the one before. */
     double least = c->o->least * (cell->lonely ? LONELY : cell->curves_done && c->o->flat && c->dim < 3 ? BESIDE : 1);
     return room && !cells_spent(c) && side(c, &cell->box) > least;

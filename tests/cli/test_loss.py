@@ -355,6 +355,19 @@ shader float main(float2 x) { return t.sample(x).x + h.height(2.0 * x - 1.0) + l
         j = self.scene(params={"h": {"file": "big.npy", "grad": True}}, optimizer={"iters": 1}).json
         self.assertEqual((len(j["params"]["h"]), len(j["params"]["h"][0])), (5, 7))
 
+    def test_two_floats(self):
+        """Two outlines that meet in a box of two floats by one: its longer side cannot be cut, and the other one is."""
+        self.put("s.salt", """param float2 at[2] = {float2(0.32783165258793406, 5.224420316292058), float2(0.889050670179403, 5.8926263365138745)};
+            param float r[2] = {0.6617347606050976, 0.561849752170844}; param float o[2] = {0.8975985380620104, 0.8830958923406742};
+            [Domain(float2(0.0, 0.0), float2(9.0, 6.0))] shader float main(float2 x) {
+                float c = 0.2;
+                for (int i = 0; i < 2; i++) [Disc] if (length(x - at[i]) < r[i]) c = lerp(c, 0.01 + 0.01 * i, o[i]);
+                return c;
+            }""")
+        self.put("t.pfm", write_pfm(240, 160, 1, [0.3] * (240 * 160)))
+        j = self.json_cli("grad", "s.salt", "--target", "t.pfm", "--size", "240x160", "--spp", 4, "--interior", "quadrature", "--threads", 1)
+        self.assertLess(j["evaluations"], 10000000)
+
     def test_heights_from_files(self):
         """Every format, in the source and on the command line: linear, raw, row 0 at the top."""
         w, rows = 3, [[0, 1000, 65535], [17, 300, 40000], [5, 6, 7]]
