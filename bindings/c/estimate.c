@@ -189,7 +189,7 @@ SltStatus slt_grad_loss(SltProgram *p, const SltJob *job, const float *target, c
 /* Small things that no line has met: bounds find them, and are compiled for nothing else. */
 static SltStatus add_unmet(ApiCall *c, SltIntegral *out) {
     static const bool bounds[K_KINDS] = {[K_BOUNDS] = true};
-    if (!slt_estimate_has_unmet(&c->p->scene) || !out->gradient_stderr) return SLT_OK;
+    if (c->job.no_boundary || !out->gradient_stderr || !slt_estimate_has_unmet(&c->p->scene)) return SLT_OK;
     SltStatus s = api_call_kernels(c, bounds);
     return s == SLT_OK ? slt_estimate_unmet(&c->p->scene, &c->job, out, c->stats, c->err) : s;
 }

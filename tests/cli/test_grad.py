@@ -369,7 +369,12 @@ class Check(Case):
 
     def test_why_a_row_fails(self):
         """L bends where a jump lies on the edge of the domain; it changes without a boundary where cells decide."""
-        self.put("edge.salt", "param float r = 0.0; [Domain(0.0, 1.0)] shader float main(float2 x) { float f = 0.0; [Disc] if (x.x < r) f = 1.0; return f; }")
+        edge = "param float r = 0.0; [Domain(0.0, 1.0)] shader float main(float2 x) { float f = 0.0; [Disc] if (x.x < r) f = %s; return f; }"
+        self.put("edge.salt", edge % "1.0")
+        j = self.json_cli("check", "edge.salt", code=6)  # the derivative is known for a kink, and says nothing
+        self.assertEqual([w["code"] for w in j["warnings"]], ["coincident"])
+        self.assertGreater(j["rows"][0]["ad_stderr"], 0.49)
+        self.put("edge.salt", edge % "(rand() < 2.0 ? 1.0 : 0.0)")  # with rand() nobody looks for one
         j = self.json_cli("check", "edge.salt", code=1)
         self.assertRegex(j["why"], r"bends or jumps where r is: its derivative is (-?0|-?[0-9.]+e-\d+) below and (1|0.99\d+|1.00\d+) above")
         self.assertIn("bends or jumps where r is", self.run_cli("check", "edge.salt", code=1).out)

@@ -83,14 +83,17 @@ class Left(Case):
             }""")
         want = {"a": [0, -0.258046, 0.217837], "p": [-0.475883], "b": [-0.011323, -0.543011, 0.206790],
                 "q": [-1.005615, -0.543011, -0.235612], "c": [0.011327, 0.801050, -0.424624], "r": [2.882927]}
-        for most in 250000, 500000, 1000000, 2000000, 4000000:
+        off = []  # in stated errors
+        for most in 250000, 350000, 500000, 700000, 1000000, 2000000, 4000000:
             j = self.json_cli("grad", "s.salt", "--integral", "--estimator", "quadrature", "--precision", "f64",
                               "--error", "1e-3", "--max-evaluations", most, code=None)
             for name, values in want.items():
                 got, bar = j["gradient"][name], j["stderr"][name]
                 if len(values) == 1: got, bar = [got], [bar]
                 for k, value in enumerate(values):
-                    self.assertLessEqual(abs(got[k] - value), 2.5 * bar[k] + 1e-4, (most, name, k))
+                    off.append(max(0, abs(got[k] - value) - 1e-4) / max(bar[k], 1e-9))
+        self.assertLessEqual(max(off), 4)
+        self.assertGreaterEqual(sum(z <= 2 for z in off) / len(off), 0.95)
 
     def test_edges_of_a_solid(self):
         """A box without another: cells along an edge are alike, and lines at the same places of all of them erred
