@@ -169,10 +169,13 @@ static SltStatus run_moves(Sides *q, const SltJob *job, SltEstimator by, SltStat
     double start = pool_now();
     SltStatus st = SLT_OK;
     q->alike = by != SLT_EST_QUADRATURE;
-    uint64_t share = q->alike ? q->moves : j.samples / ENOUGH + 1;
     j.estimator = by, j.error = j.abs_error = 0, j.progress = NULL;
-    j.samples = j.samples / share > LEAST_SAMPLES ? j.samples / share : LEAST_SAMPLES;
-    if (j.segments) j.segments = j.segments / share > LEAST_SAMPLES ? j.segments / share : LEAST_SAMPLES;
+    if (q->alike) {
+        j.samples = j.samples / q->moves > LEAST_SAMPLES ? j.samples / q->moves : LEAST_SAMPLES;
+        if (j.segments) j.segments = j.segments / q->moves > LEAST_SAMPLES ? j.segments / q->moves : LEAST_SAMPLES;
+    } else {
+        j.samples = ENOUGH, j.segments = j.segments ? ENOUGH : 0;
+    }
     for (uint32_t m = 0; m < q->moves && st == SLT_OK; m++) {
         SltIntegral out = SLT_INTEGRAL_INIT;
         SltStats own = SLT_STATS_INIT;

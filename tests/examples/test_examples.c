@@ -106,7 +106,9 @@ static void test_check(void **state) {
         char line[1024], out[8192];
         /* Of the integral of a zone plate fewer say nothing: it hardly changes. */
         bool fine = !strcmp(e->file, "high_frequency/zone_plate.salt");
-        snprintf(line, sizeof line, "saltus check " EXAMPLES "/%s %s --samples %d", e->file, e->options,
+        /* A difference along 16 641 heights at once has a truncation that no number of samples makes smaller. */
+        const char *which = strstr(e->options, "--entry slices") ? "--wrt elevation,albedo " : "";
+        snprintf(line, sizeof line, "saltus check " EXAMPLES "/%s %s %s--samples %d", e->file, e->options, which,
                  fine ? 1 << 20 : 1 << 16);
         if (scratch_run(out, sizeof out, line) != 0 || !strstr(out, "PASS"))
             fail_msg("%s %s: %s", e->file, e->options, out);
