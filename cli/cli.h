@@ -239,6 +239,8 @@ void report_cells(const Cli *c, const SltStats *stats, const double *derivative)
 int report_status(const SltStats *stats);
 /* Of the compiler, and of what was sampled; stats: NULL where nothing was. */
 void report_warnings_json(FILE *out, SltProgram *p, const SltStats *stats);
+/* The same and one more, of that code; NULL: no more. */
+void report_warnings_and(FILE *out, SltProgram *p, const SltStats *stats, const char *code, const char *more);
 uint64_t report_lost(const SltStats *stats); /* crossings that were dropped; coinciding ones are integrated */
 /* Errors that are infinite beside values that are not. */
 void report_unknown(const Cli *c, const char *what, const double *value, const double *error, size_t n);

@@ -58,7 +58,7 @@ static const char *stderr_kind(const SltStats *stats, bool mixed, bool replicate
 }
 
 /* What lines are thought to have missed, where that is most of the error: the component of which most is missed. */
-static void report_missed(const Cli *c, const SltProgram *p, const SltIntegral *r, size_t n) {
+static bool missed_text(const SltProgram *p, const SltIntegral *r, size_t n, char *text, size_t size) {
     size_t worst = 0;
     double largest = 0;
     for (size_t i = 0; i < n; i++) {
@@ -66,14 +66,15 @@ static void report_missed(const Cli *c, const SltProgram *p, const SltIntegral *
         if (fabs(r->missed_estimate[i]) > fabs(r->missed_estimate[worst])) worst = i;
     }
     double missed = n ? r->missed_estimate[worst] : 0;
-    if (!n || c->quiet || c->json) return;
-    if (!(fabs(missed) > 0) || fabs(missed) < 0.5 * r->gradient_stderr[worst] || fabs(missed) < 1e-3 * largest) return;
+    if (!n || !(fabs(missed) > 0)) return false;
+    if (fabs(missed) < 0.5 * r->gradient_stderr[worst] || fabs(missed) < 1e-3 * largest) return false;
     char name[256];
     report_component_name(p, (uint32_t)(worst % slt_float_count(p)), name, sizeof name);
-    fprintf(stderr,
-            "saltus: warning: lines miss what is narrower than their spacing: of %s an estimated %.3g beside the %.6g "
-            "above; more --segments, or --estimator quadrature (`saltus explain missed`)\n",
-            name, missed, r->gradient[worst]);
+    snprintf(text, size,
+             "lines miss what is narrower than their spacing: of %s an estimated %.3g beside the %.6g found; more "
+             "--segments, or --estimator quadrature (`saltus explain missed`)",
+             name, missed, r->gradient[worst]);
+    return true;
 }
 
 static int grad_integral(Cli *c, SltProgram *p) {
@@ -103,6 +104,8 @@ static int grad_integral(Cli *c, SltProgram *p) {
         return cli_fail(c, &err);
     }
     double left = largest_bound(out.left_bound, n - 1);
+    char missed[640];
+    bool misses = missed_text(p, &out, n - 1, missed, sizeof missed);
     if (c->json) {
         fputs("{", stdout);
         json_list("integral", value, ch);
@@ -118,7 +121,7 @@ static int grad_integral(Cli *c, SltProgram *p) {
         report_cells_json(stdout, &stats, &left);
         report_stats_json(stdout, &stats);
         fputs(", ", stdout);
-        report_warnings_json(stdout, p, &stats);
+        report_warnings_and(stdout, p, &stats, misses ? "missed" : NULL, missed);
         fputs("}\n", stdout);
     } else {
         printf("%-28s", "integral");
@@ -130,7 +133,7 @@ static int grad_integral(Cli *c, SltProgram *p) {
                     (unsigned long long)stats.crossings, stats.seconds);
     }
     report_cells(c, &stats, &left);
-    report_missed(c, p, &out, n - 1);
+    if (misses && !c->quiet) cli_say(CLI_WARNING, "missed", NULL, "%s", missed);
     report_unknown(c, "values", value, value_se, ch);
     report_unknown(c, "derivatives", out.gradient, out.gradient_stderr, n - 1);
     if (!c->quiet) cli_tell(c, p);

@@ -131,7 +131,9 @@ static const struct {
                {"upset", upset_text},     {"singular", singular_text},     {"nonfinite", report_nonfinite_text}};
 enum { SAMPLED = sizeof sampled / sizeof *sampled };
 
-void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s) {
+void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s) { report_warnings_and(out, p, s, NULL, NULL); }
+
+void report_warnings_and(FILE *out, SltProgram *p, const SltStats *s, const char *code, const char *more) {
     const char *lines = slt_diagnostics_json(p);
     bool first = true;
     fputs("\"warnings\": [", out);
@@ -150,6 +152,11 @@ void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s) {
         cli_put_json(out, CLI_WARNING, sampled[i].code, at, text);
         fputc('}', out);
         first = false;
+    }
+    if (code) {
+        if (!first) fputs(", ", out);
+        cli_put_json(out, CLI_WARNING, code, &none_at, more);
+        fputc('}', out);
     }
     fputc(']', out);
 }

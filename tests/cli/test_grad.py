@@ -329,6 +329,7 @@ class Bars(Case):
             g, e, m = j["gradient"]["w"], j["stderr"]["w"], j["missed_estimate"]["w"]
             (self.assertGreater if missed else self.assertLess)(abs(m), (0.1 if missed else 2e-3) * abs(g))
             self.assertGreaterEqual(e, abs(m))
+            self.assertEqual("missed" in [w["code"] for w in j["warnings"]], missed)
             r = self.run_cli("grad", "h.salt", "--integral", "--estimator", "lattice")
             self.assertEqual("lines miss" in r.err, missed)
 
