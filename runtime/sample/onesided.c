@@ -25,7 +25,8 @@ enum {
     DIRECTIONS = 4,
     MOST_FLOATS = 1 << 16,   /* a program with more is not asked, */
     LEAST_SAMPLES = 1 << 12, /* and of fewer samples, or lines, nobody expects it to cost no more */
-    ENOUGH = 1 << 16,        /* of what cells may cost, in samples of a lattice that costs as much */
+    ENOUGH = 1 << 16,        /* of what cells may cost, in samples of a lattice that costs as much, */
+    LOOK = 1 << 12,          /* and where there may be no kink at all */
     PLACES = 6,              /* of a face of the domain */
     BEYOND = 8               /* units in the last place */
 };
@@ -174,7 +175,7 @@ static SltStatus run_moves(Sides *q, const SltJob *job, SltEstimator by, SltStat
         j.samples = j.samples / q->moves > LEAST_SAMPLES ? j.samples / q->moves : LEAST_SAMPLES;
         if (j.segments) j.segments = j.segments / q->moves > LEAST_SAMPLES ? j.segments / q->moves : LEAST_SAMPLES;
     } else {
-        j.samples = ENOUGH, j.segments = j.segments ? ENOUGH : 0;
+        j.samples = q->moves > 2 ? ENOUGH : LOOK, j.segments = j.segments ? j.samples : 0;
     }
     for (uint32_t m = 0; m < q->moves && st == SLT_OK; m++) {
         SltIntegral out = SLT_INTEGRAL_INIT;
