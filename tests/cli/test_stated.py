@@ -92,7 +92,7 @@ class Left(Case):
                 if len(values) == 1: got, bar = [got], [bar]
                 for k, value in enumerate(values):
                     off.append(max(0, abs(got[k] - value) - 1e-4) / max(bar[k], 1e-9))
-        self.assertLessEqual(max(off), 4)
+        self.assertLessEqual(max(off), 3)
         self.assertGreaterEqual(sum(z <= 2 for z in off) / len(off), 0.95)
 
     def test_edges_of_a_solid(self):
