@@ -340,6 +340,8 @@ static int fit_once(Cli *c, double *loss) {
     free(f.slopes);
     free(f.round_ends);
     free(f.kept);
+    for (uint32_t k = 0; k < f.ntexts; k++) free(f.texts[k]);
+    free(f.texts);
     slt_program_free(f.p);
     for (uint32_t k = 0; k < f.nentries; k++) slt_program_free(f.entries[k]);
     free(f.entries);

@@ -84,6 +84,8 @@ typedef struct Fit {
     char *kept;            /* the parameters before the last program changed them; NULL: none has */
     SltFitResult result;   /* of all rounds; `loss` of the last */
     SltStats stats;
+    char **texts; /* [ntexts]: strings of its places, of programs that a round has freed */
+    uint32_t ntexts;
 } Fit;
 
 /* Reads SCENE.json into scene and, where the command line says nothing else, into the options. An SltStatus; the error

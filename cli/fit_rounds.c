@@ -151,6 +151,24 @@ static SltStatus read_answer(const Fit *f, const char *before, const char *answe
     return s;
 }
 
+/* The places of the counts name files and texts of a program, which is about to be freed: the fit's own copies instead. */
+static void keep_text(Fit *f, const char **text) {
+    if (!*text) return;
+    for (uint32_t k = 0; k < f->ntexts; k++)
+        if (!strcmp(f->texts[k], *text)) {
+            *text = f->texts[k];
+            return;
+        }
+    f->texts = cli_need(realloc(f->texts, (f->ntexts + 1) * sizeof *f->texts));
+    *text = f->texts[f->ntexts++] = cli_need(strdup(*text));
+}
+
+static void keep_places(Fit *f) {
+    for (int d = 0; d < SLT_DROP_REASONS; d++)
+        keep_text(f, &f->stats.dropped_at[d].file), keep_text(f, &f->stats.dropped_at[d].text);
+    keep_text(f, &f->stats.nonfinite_at.file), keep_text(f, &f->stats.nonfinite_at.text);
+}
+
 /* Programs whose open arrays have the lengths of the values, in place of the fit's and of its views'. */
 static SltStatus compile_again(Fit *f, const char *values, SltError *err) {
     SltProgram **all = cli_need(calloc(f->nentries + 1, sizeof(SltProgram *)));
@@ -162,6 +180,7 @@ static SltStatus compile_again(Fit *f, const char *values, SltError *err) {
         if (s == SLT_OK) slt_set_print(all[k], old->on_print, old->on_print_user, NULL);
         else status_fail(err, s, "%s: %s%s", what, slt_diagnostics_text(all[k]), slt_last_error(all[k]));
     }
+    if (s == SLT_OK) keep_places(f);
     for (uint32_t k = 0; k <= f->nentries; k++) {
         SltProgram **own = k ? &f->entries[k - 1] : &f->p, *old = *own;
         for (uint32_t v = 0; v < f->scene.nviews && s == SLT_OK; v++)
