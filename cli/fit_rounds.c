@@ -151,7 +151,8 @@ static SltStatus read_answer(const Fit *f, const char *before, const char *answe
     return s;
 }
 
-/* The places of the counts name files and texts of a program, which is about to be freed: the fit's own copies instead. */
+/* The places of the counts name files and texts of a program, which is about to be freed: the fit's own copies instead.
+ */
 static void keep_text(Fit *f, const char **text) {
     if (!*text) return;
     for (uint32_t k = 0; k < f->ntexts; k++)
