@@ -32,6 +32,27 @@ class Hidden(Case):
         self.assertLess(abs(j["gradient"]["w"] - 8 * math.pi * 0.36), 2 * j["stderr"]["w"])
         self.assertLess(j["stderr"]["w"], 0.03)
 
+    def test_ridges_of_flat_functions(self):
+        """Of what is flat but beside a ridge of 1e-5, no slope tells where: the functions around the ridge are taken to the level."""
+        c, s = math.cos(0.7), math.sin(0.7)
+        line = ("float u = %r * (x.x - 0.07) + %r * (x.y + 0.04); float v = %r * (x.x - 0.07) - %r * (x.y + 0.04); " % (c, s, s, c), "v * v < a * a && ", 2 * 0.31, 2)
+        ring = ("float u = length(x - float2(0.05, -0.14)) - a; ", "", 2 * math.pi * 0.31, 2 * math.pi)
+        half = {"tanh(u * u / (w * w)) < 0.6": math.sqrt(math.atanh(0.6)), "exp(-u * u / (w * w)) > t": math.sqrt(math.log(1 / 0.3)),
+                "1.0 / (1.0 + u * u / (w * w)) > t": math.sqrt(7 / 3), "smoothstep(w, 0.0, abs(u)) > 0.5": 0.5,
+                "1.0 - k * exp(-abs(u) / w) < 0.5": math.log(2), "atan(u / w) * atan(u / w) < 0.5": math.tan(math.sqrt(0.5)),
+                "pow(abs(u / w), 1.5) < t": 0.3 ** (2 / 3)}
+        for n, (condition, h) in enumerate(half.items()):
+            before, within, length, more = (line, ring)[n % 2]
+            for precision in "f32", "f64":
+                with self.subTest(condition, precision=precision):
+                    self.put("r.salt", "param float w = 2e-5; param float a = 0.31; param float t = 0.3; param float k = 1.0; [Domain(-1.0, 1.0)] "
+                             "shader float main(float2 x) { %s float f = 0.2; [Disc] if (%s%s) f += 5.0; return f; }" % (before, within, condition))
+                    j = self.json_cli("grad", "r.salt", "--integral", "--precision", precision)
+                    for name, want in (("w", 10 * h * length), ("a", 10 * h * 2e-5 * more)):
+                        self.assertLess(abs(j["gradient"][name] - want), 1e-3 * want + 4 * j["stderr"][name])
+                        self.assertLess(j["stderr"][name], 0.05 * want)
+                    self.assertGreater(j["certified"], 0.9999)
+
     def test_image(self):
         """A ring of 1e-4 in the gradient of an image, by default: the lattice, cheaper by far, sees nothing of it."""
         self.put("p.salt", "param float w = 1e-4; param float r = 0.5; [Domain(-1.0, 1.0)] shader float main(float2 x) "
