@@ -401,6 +401,7 @@ static uint32_t accept(Finder *f, const Item *it, double lo, double hi, Mark bef
         finder_drop_part(f, SLT_DROP_NOT_FINITE, &it->s, it->event.site);
         return UINT32_MAX;
     }
+    if (f->met) f->met[it->s.owner] = true;
     bool tied = f->tied && f->tied[it->event.site],
          several = f->ties && before.hash != after.hash && !search_has_depth(f->s); /* decisions, may be */
     if (!jumps && !((tied || several) && has_silent(f))) return UINT32_MAX;
