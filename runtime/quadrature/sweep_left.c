@@ -14,6 +14,7 @@ enum {
 };
 #define LEFT_PAYS 0.125
 #define UNSEEN 0.1
+#define LEFT_SHORT 0x1p-24 /* of the domain's width */
 #define LEFT_HIDES 0x1p-5 /* of what cells have cost: to find out whether their lines must be cut by bounds */
 #define LEFT_ASKS 0x1p-6 /* of what cells have cost: for what those that are left may hide, whatever there is to spare */
 
@@ -84,12 +85,11 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     finder_run(&v->w->finder, true);
     if (v->w->sink.misses) thin_flush_cells(v->w, sides, p->lines);
     for (uint32_t i = 0; i < n; i++) done[i] |= seen[i];
-    if (!left_cut(v, first, from, n, done, seen)) return false;
+    if (p->hides && !left_cut(v, first, from, n, done, seen)) return false;
     v->w->finder.lost = NULL, v->w->sink.coincide.apart = NULL, v->w->finder.ties = false;
     v->w->sink.coincide.tied = v->w->finder.tied = NULL;
     if (p->marches && !left_curves(v, first, n, false)) return false;
-    if (p->errors && p->options.curves && !left_hidden(v, first, n, seen, lost))
-        return false;
+    if (p->errors && p->options.curves && !left_hidden(v, first, n, seen, lost)) return false;
     accum_close(&v->w->acc);
     return !(v->w->finder.failed || v->w->sink.failed || v->w->acc.failed);
 }
@@ -110,6 +110,14 @@ static double face(const Box *b, uint32_t dim) {
     double m = 1, shortest = HUGE_VAL;
     for (uint32_t d = 0; d < dim; d++) m *= b->end[d] - b->lo[d], shortest = fmin(shortest, b->end[d] - b->lo[d]);
     return shortest > 0 ? m / shortest : 0;
+}
+
+/* Would a curve through all cells be of any length? Around points they are many and small. */
+static bool may_hide(const Sweep *p) {
+    uint32_t dim = p->run->s->dim;
+    double sum = 0;
+    for (uint64_t i = 0; i < p->nleft; i++) sum += face(&p->left[i].box, dim);
+    return p->options.curves && p->errors && !p->marches && sum > LEFT_SHORT * pow(p->volume, 1 - 1.0 / dim);
 }
 
 /* What so many lines along both axes of a cell cost: their vertices, and two crossings on each. */
@@ -233,7 +241,8 @@ SltStatus sweep_work_off_left(Sweep *p, uint64_t start) {
     plan_lines(p, (double)used, spare);
     if (p->options.curves && !p->marches && !make_apart(p)) return status_fail(r->err, SLT_LIMIT, "out of memory");
     p->first_chunk = 0;
-    p->cuts = p->options.curves && p->errors && !p->marches && left_hides(&p->worker[0], LEFT_HIDES * (double)used);
+    p->hides = may_hide(p);
+    p->cuts = p->hides && left_hides(&p->worker[0], LEFT_HIDES * (double)used);
     if (p->worker[0].failed) st = status_fail(r->err, SLT_LIMIT, "out of memory");
     for (uint32_t k = p->marches || !p->budget ? PARTS - 1 : 0; k < PARTS && st == SLT_OK; k++) {
         uint64_t to = k + 1 < PARTS ? (uint64_t)(upto[k] * (double)chunks) : chunks, from = p->first_chunk;
