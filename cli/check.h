@@ -32,6 +32,7 @@ typedef struct Check {
     uint32_t n;
     double weight[4];
     double *moved;            /* [nfloats]: parameters near the program's own */
+    double *up;               /* [nfloats]: which way the weighted sum grows; NULL: nobody asked */
     bool cells;               /* values come from cells */
     bool lines;               /* and no more: those state too much */
     Value centre[REPLICATES]; /* at the program's own parameters: the same for all rows */
