@@ -39,6 +39,7 @@ typedef struct Check {
     SltStats stats;
     SltError err;
     uint64_t samples;
+    double each; /* seconds of processor time of a value with these */
 } Check;
 
 /* As many samples a value as fit the budget, and L at the program's own parameters with these. */
