@@ -314,6 +314,11 @@ class Losses(Case):
         self.assertAlmostEqual(j["loss"], 0.2510, delta=3e-3)
         r = self.run_cli("grad", "k.salt", "--size", 8, "--target", "t.png")
         self.assertIn("resized", r.err)
+        r = self.run_cli("grad", "k.salt", "--target", "t.png", "--json")  # which decides the size
+        self.assertNotIn("resized", r.err)
+        self.assertEqual(r.json["loss"], j["loss"])
+        self.put("a.npy", write_npy((2, 3, 3), [1.0] * 18))
+        self.assertAlmostEqual(self.json_cli("grad", "k.salt", "--adjoint", "a.npy")["gradient"]["a"], 18, delta=1e-4)
 
 
 class Bars(Case):
