@@ -1,5 +1,7 @@
 """Crossings that cannot be integrated: jumps that an untagged decision makes under a [Disc]. What moves is lost, and the bars say so, of lines and in
 the cells that are left over alike; what stands still is no loss, and costs nothing."""
+import math
+
 from harness import *
 
 HEAD = "param float a = %s; param float b = 0.6; [Domain(%s)] shader float main(%s) { float f = 0.0; %s return f; }"
@@ -56,6 +58,14 @@ class Lost(Case):
                     self.assertLessEqual(abs(j["gradient"]["a"] - want), 4 * j["stderr"]["a"] + 1e-5)
                     self.assertLess(j["stderr"]["a"], 0.02)
                     self.assertEqual(sum(j["dropped"].values()), 0)
+
+    def test_differences_that_see_nothing(self):
+        """Where no sample changes sides a difference is 0, and so was its error."""
+        self.put("s.salt", HEAD % (0.3, "0.0, 1.0", "float2 x", "float u = length(x - 0.45) - a; [Disc] if (u > 0.0 && u < 0.01 * b) f = 1.0; [Disc] if (x.x < 0.1) f += 0.5;"))
+        for samples in 16, 64, 1024:
+            j = self.grad("--estimator", "fd", "--samples", samples)
+            for p, want in (("a", 2 * math.pi * 0.006), ("b", 2 * math.pi * 0.306 * 0.01)):
+                self.assertLess(abs(j["gradient"][p] - want), 4 * j["stderr"][p], (p, samples))
 
     def test_stands_beside_what_moves(self):
         """A loss and an image's gradient: the edge of a disc in steps."""
