@@ -72,6 +72,7 @@ bool left_hides(SweepWorker *v, double spend) {
         }
     }
     SltStats before = p->run->stats;
+    Sizes kept = p->run->kept, gone = p->run->gone;
     sweep_begin_tile(v, &hull);
     f->full = f->silent_full = forget, v->w->sink.misses = false;
     for (uint32_t i = 0; i < n; i++) v->owner = (uint8_t)i, v->failed |= !left_lines(v, &cell[i], p->lines, -1);
@@ -83,6 +84,7 @@ bool left_hides(SweepWorker *v, double spend) {
     f->full = full, f->silent_full = silent_full, v->w->sink.misses = true;
     run_collect(p->run, v->w);
     before.evaluations = p->run->stats.evaluations, p->run->stats = before; /* what was found is found again */
+    p->run->kept = kept, p->run->gone = gone;
     if (v->vain > VAIN) p->hides = false;
     return p->hides && all > met && MANY * (all - met) > met;
 }

@@ -95,6 +95,7 @@ typedef struct Sweep {
     bool mixed;                    /* lines or samples were used */
     bool unnamed;                  /* more events are open in what is left than bounds name */
     double jump[SLT_MAX_CHANNELS]; /* the largest at the curves of cells */
+    double gone[SLT_MAX_CHANNELS]; /* what lines there could not integrate: sums_gone */
 } Sweep;
 /* The members above `sums` are the caller's; `run` has begun. */
 SltStatus sweep_begin(Sweep *p);
@@ -123,16 +124,17 @@ struct SweepWorker {
     double volume_sampled;         /* measure of cells of the tile whose volume is only sampled */
     double jump[SLT_MAX_CHANNELS]; /* as in Sweep; of this worker's tiles */
     bool unnamed;
-    uint64_t differ, unseen;   /* segments of lines, so far, as in Sweep; */
-    uint64_t differ0, unseen0; /* and before the chunk in hand */
-    const LeftCell *within;    /* the cell that the tile is; NULL: no such one */
-    uint8_t owner;             /* which cell of its chunk lines go through: Segment.owner */
-    struct Hidden *hidden;     /* hidden.c: room for a chunk; NULL until it is needed */
-    struct March *march;       /* march.c, likewise */
-    Splat splat;               /* SWEEP_RENDER, SWEEP_FORWARD: planes of the interior; SWEEP_LOSS: pixels of the tile */
-    Kept kept;                 /* SWEEP_LOSS */
-    double vain;               /* share of the cells that left_cut gave up */
-    bool failed;               /* memory ran out */
+    double gone[SLT_MAX_CHANNELS]; /* as in Sweep; of the chunk in hand */
+    uint64_t differ, unseen;       /* segments of lines, so far, as in Sweep; */
+    uint64_t differ0, unseen0;     /* and before the chunk in hand */
+    const LeftCell *within;        /* the cell that the tile is; NULL: no such one */
+    uint8_t owner;                 /* which cell of its chunk lines go through: Segment.owner */
+    struct Hidden *hidden;         /* hidden.c: room for a chunk; NULL until it is needed */
+    struct March *march;           /* march.c, likewise */
+    Splat splat; /* SWEEP_RENDER, SWEEP_FORWARD: planes of the interior; SWEEP_LOSS: pixels of the tile */
+    Kept kept;   /* SWEEP_LOSS */
+    double vain; /* share of the cells that left_cut gave up */
+    bool failed; /* memory ran out */
 };
 /* What bounds say that a cell which is left can hide of the value: measure times the largest range of a channel. */
 double sweep_hidden(const Sweep *p, const LeftCell *l);

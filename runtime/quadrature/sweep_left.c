@@ -46,6 +46,19 @@ static void note_unit(SweepWorker *v, const LeftCell *l) {
     }
 }
 
+/* Of what lines of the chunk met and could not integrate, of which each of their sets has all. Where it is not known by
+ * how much f jumps, by as much as elsewhere. */
+static void take_gone(SweepWorker *v) {
+    const Sweep *p = v->sweep;
+    Sink *k = &v->w->sink;
+    double part = p->run->s->dim > 1 ? 0.5 : 1;
+    for (uint32_t c = 0; c < p->run->s->channels; c++) {
+        double usual = k->kind == SINK_REVERSE ? 0 : p->jump[c] > 0 ? p->jump[c] : 1;
+        v->gone[c] = p->marches ? 0 : part * (k->gone[c] + usual * v->w->finder.parts_gone);
+    }
+    memset(k->gone, 0, sizeof k->gone), v->w->finder.parts_gone = 0;
+}
+
 static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     Sweep *p = user;
     SweepWorker *v = &p->worker[worker];
@@ -65,7 +78,8 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
         }
     sweep_begin_tile(v, &hull);
     if (!sweep_begin_splat(v, &hull)) return false;
-    v->w->finder.lost = lost;
+    v->w->finder.lost = lost, v->w->finder.parts_gone = 0;
+    memset(v->w->sink.gone, 0, sizeof v->w->sink.gone);
     v->w->sink.coincide.apart = p->apart, v->w->sink.coincide.no_kinks = true;
     v->w->sink.coincide.tied = v->w->finder.tied = p->apart ? p->run->tied : NULL;
     v->w->finder.ties = p->apart != NULL;
@@ -88,6 +102,7 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     v->w->finder.met = NULL;
     for (uint32_t i = 0; i < n; i++) done[i] |= seen[i] || met[i];
     if (p->hides && !left_cut(v, first, from, n, done, seen)) return false;
+    take_gone(v);
     v->w->finder.lost = NULL, v->w->sink.coincide.apart = NULL, v->w->finder.ties = false;
     v->w->sink.coincide.tied = v->w->finder.tied = NULL;
     if (p->marches && !left_curves(v, first, n, false)) return false;
@@ -101,6 +116,7 @@ static void left_merge(void *user, uint32_t worker, uint64_t chunk) {
     SweepWorker *v = &p->worker[worker];
     (void)chunk;
     p->left_bound += v->left_bound;
+    for (uint32_t c = 0; c < p->run->s->channels; c++) p->gone[c] += v->gone[c];
     p->differ += v->differ - v->differ0, p->unseen += v->unseen - v->unseen0;
     SumMode mode = p->marches && !p->sampled ? SUM_CURVES : p->run->s->dim == 1 ? SUM_LINE : SUM_SETS;
     sweep_merge_sums(p, v, p->errors ? mode : SUM_ONE, left_divisor(v));

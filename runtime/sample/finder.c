@@ -135,6 +135,7 @@ void finder_drop_part(Finder *f, SltDrop reason, const Segment *s, int32_t site)
     SltPlace at = {.known = true, .stream = s->stream, .rand0 = s->rand0};
     if (site >= 0 && (uint32_t)site < f->s->nsites) at.site = (uint32_t)site + 1;
     segment_at(s, s->ta, at.x), segment_at(s, s->tb, at.beyond);
+    if (reason != SLT_DROP_STATIC) f->parts_gone += s->base;
     drop(f, reason, s->owner, &at);
 }
 

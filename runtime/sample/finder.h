@@ -107,8 +107,9 @@ struct Finder {
     uint64_t *order;
     uint64_t crossings, segments, dropped[SLT_DROP_REASONS]; /* counts */
     SltPlace dropped_at[SLT_DROP_REASONS];                   /* the least of those places */
-    Sizes kept, gone;     /* of the crossings that have a weight, and of those that were dropped for the want of one */
-    uint64_t followed;    /* crossings that were found along fingers: follow.h */
+    Sizes kept, gone;  /* of the crossings that have a weight, and of those that were dropped for the want of one */
+    uint64_t followed; /* crossings that were found along fingers: follow.h */
+    double parts_gone; /* what the lines stand for of parts that were dropped: where f jumps by nobody knows how much */
     uint64_t steep, rims; /* crossings beside which f is steep, and of these a small power of the distance */
     bool *lost;           /* set by owner where a crossing was dropped; NULL: nobody asks */
     /* prove.h. `proves`: parts between alike ends are not believed; prove_classes: their crossings get a cls, 1 for

@@ -52,6 +52,7 @@ struct Run {
     SltStats stats;    /* counts of the tiles merged so far */
     Sizes kept, gone;  /* likewise; see Finder */
     uint64_t steep, rims;
+    double gone_along[SLT_MAX_CHANNELS], parts_gone; /* likewise: Sink.gone, Finder.parts_gone */
     SltError *err;
     double start; /* by pool_now() */
 };
