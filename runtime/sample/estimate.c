@@ -408,25 +408,29 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
             if (isnan(out->gradient_stderr[i]) && isfinite(out->gradient[i])) out->gradient_stderr[i] = HUGE_VAL;
         out->replicates = true;
     }
+    if (s->followed) *s->followed = (double)r.followed / k.n;
     free(k.value), free(k.interior), free(k.boundary), free(k.missed), free(k.half), free(k.sketch);
     tails_free(&tails);
     run_end(&r, stats);
     return st;
 }
 
-bool slt_estimate_has_unmet(const SltScene *s) {
-    return s->met && s->nsites && s->met[s->nsites] && memchr(s->met, 0, s->nsites) && !s->uses_rand;
-}
+bool slt_estimate_by_lines(const SltScene *s) { return s->met && s->nsites && s->met[s->nsites] && !s->uses_rand; }
 
-SltStatus slt_estimate_unmet(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
+bool slt_estimate_has_unmet(const SltScene *s) { return slt_estimate_by_lines(s) && memchr(s->met, 0, s->nsites); }
+
+SltStatus slt_estimate_hidden(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
+    enum { REPLICATES = 4 };
     SltJob j = *job;
     Run r;
     j.integral = true;
-    if (!slt_estimate_has_unmet(s) || !out->gradient_stderr || !s->kernel[SLT_K_BOUNDS]) return SLT_OK;
+    if (!slt_estimate_by_lines(s) || !out->gradient_stderr || !s->kernel[SLT_K_BOUNDS]) return SLT_OK;
     SltStatus st = run_begin(&r, s, &j, err);
-    Boundary of = {.run = &r, .segments = segments_of(&j) / 4, .classes = 1};
+    Boundary of = {.run = &r, .segments = segments_of(&j) / REPLICATES, .classes = 1};
     r.met = s->met;
-    if (st == SLT_OK) st = unmet_add(&r, &of, out->missed_estimate, out->gradient_stderr);
+    if (st == SLT_OK && slt_estimate_has_unmet(s)) st = unmet_add(&r, &of, out->missed_estimate, out->gradient_stderr);
+    r.met = NULL;
+    if (st == SLT_OK) st = between_add(&r, &of, REPLICATES, out->missed_estimate, out->gradient_stderr);
     run_end(&r, stats);
     return st;
 }
