@@ -125,6 +125,12 @@ void run_collect(Run *r, Worker *w) {
     }
 }
 
+void run_forget_few(Run *r) {
+    enum { FEW = 1000 };
+    uint64_t *coincident = &r->stats.dropped[SLT_DROP_COINCIDENT];
+    if (*coincident * FEW <= r->stats.crossings) *coincident = 0;
+}
+
 bool worker_vertices(Worker *w, uint64_t n) {
     if (n <= w->vertex_cap) return true;
     free(w->hash), free(w->settled), free(w->depth), free(w->witness), free(w->near_g), free(w->near_key),

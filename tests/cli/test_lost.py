@@ -67,6 +67,13 @@ class Lost(Case):
             for p, want in (("a", 2 * math.pi * 0.006), ("b", 2 * math.pi * 0.306 * 0.01)):
                 self.assertLess(abs(j["gradient"][p] - want), 4 * j["stderr"][p], (p, samples))
 
+    def test_steps_of_rounding(self):
+        """g rises in steps of 8, which stand until r has gone a thousandth: no jump that nothing moves."""
+        self.put("s.salt", "param float r = 0.4;\n[Domain(-1.0, 1.0)] shader float main(float2 x) { float u = length(x) + 1e4, v = r + 1e4; [Disc] if (u * u < v * v) return 1.0; return 0.0; }")
+        j = self.grad("--estimator", "lattice", "--precision", "f32", "--samples", 65536)
+        self.assertEqual([w["code"] for w in j["warnings"]], ["dropped"])
+        self.assertEqual(j["stderr"]["r"], math.inf)
+
     def test_stands_beside_what_moves(self):
         """A loss and an image's gradient: the edge of a disc in steps."""
         self.put("s.salt", HEAD % (0.3, "-1.0, 1.0", "float2 x", "float k = floor(4.0 * x.x); [Disc] if (length(x) - 0.02 * k < a) f = 1.0;"))
