@@ -58,7 +58,7 @@ void sums_merge(Sums *m, Accum *a, SumMode mode, double lines) {
         for (uint32_t row = 0; row < rows; row++, v++) {
             size_t at = (size_t)row * m->nfloats + f->parameter[i];
             double both = v[SUM_INTERIOR_BOTH * rows], share = v[SUM_SIZE * rows] / lines;
-            m->variance[at] += share * share;
+            if (share != 0) m->variance[at] += share * share; /* else its page stays untouched */
             m->size[at] += fabs(v[SUM_BOUNDARY_FINE * rows]) + fabs(v[SUM_INTERIOR_FINE * rows] + both);
             m->error[at] += m->curves * fabs(v[SUM_BOUNDARY_FINE * rows]);
             m->boundary[at] += join(m, v[SUM_BOUNDARY_FINE * rows], v[SUM_BOUNDARY_COARSE * rows], boundary, lines,

@@ -66,7 +66,7 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
              to = from + LEFT_CHUNK < p->nleft ? from + LEFT_CHUNK : p->nleft;
     Box hull = p->left[from].box;
     v->differ0 = v->differ, v->unseen0 = v->unseen;
-    bool seen[LEFT_CHUNK] = {false}, lost[LEFT_CHUNK] = {false}, done[LEFT_CHUNK] = {false};
+    bool seen[LEFT_CHUNK] = {false}, lost[LEFT_CHUNK] = {false}, done[LEFT_CHUNK] = {false}, met[LEFT_CHUNK] = {false};
     const LeftCell *first = &p->left[from];
     uint32_t n = (uint32_t)(to - from);
     double sides[LEFT_CHUNK][3] = {{0}};
@@ -84,6 +84,7 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     v->w->sink.coincide.tied = v->w->finder.tied = p->apart ? p->run->tied : NULL;
     v->w->finder.ties = p->apart != NULL;
     if (p->cuts && !left_cut(v, first, from, n, done, seen)) return false;
+    v->w->finder.met = met; /* by near misses, too */
     for (uint64_t i = from; i < to && pool_stop_reason(&p->run->pool) == SLT_OK; i++) {
         const LeftCell *l = &p->left[i];
         v->left_bound += sweep_hidden(p, l);
@@ -98,9 +99,10 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     near_flush(v->w);
     finder_run(&v->w->finder, true);
     if (v->w->sink.misses) thin_flush_cells(v->w, sides, p->lines);
-    take_gone(v);
-    for (uint32_t i = 0; i < n; i++) done[i] |= seen[i];
+    v->w->finder.met = NULL;
+    for (uint32_t i = 0; i < n; i++) done[i] |= seen[i] || met[i];
     if (p->hides && !left_cut(v, first, from, n, done, seen)) return false;
+    take_gone(v);
     v->w->finder.lost = NULL, v->w->sink.coincide.apart = NULL, v->w->finder.ties = false;
     v->w->sink.coincide.tied = v->w->finder.tied = NULL;
     if (p->marches && !left_curves(v, first, n, false)) return false;

@@ -73,6 +73,9 @@ typedef struct SltScene {
     uint32_t nedges;            /* sites, then seams, which only `bounds` and the edge kernels know */
     const uint8_t *edge_kind;   /* [nedges]: SltSiteKind */
     const uint8_t *edge_upsets; /* [nedges]: SltUpset; NULL: none */
+    const int8_t *edge_argmin;  /* [nedges]: the sign of g with which an iteration takes over, of loops around it
+                                   that keep one alone, of the least key: they carry nothing else; 0: no such edge.
+                                   NULL: none */
     const uint8_t *edge_bends;  /* [nedges]: 1 for a minimum, maximum or absolute value; NULL: none */
     double *followed;           /* lattices of integrals: crossings of a replicate found along fingers; NULL likewise */
     uint8_t *met;               /* [nsites + 1]: lattices of integrals set what lines have met to 1, and the last,
