@@ -3,12 +3,14 @@
  * parameters are. Such a crossing has no weight, as one that cannot be integrated, but it is no loss either. It is told
  * by moving the parameters: the region still is another on its two sides, as near to each other as floats are. A jump
  * that moves, even slowly, is left behind by places so near to each other. */
+#include <math.h>
 #include <string.h>
 
 #include "runtime/sample/search.h"
 #include "runtime/sample/sink.h"
 
 enum { NEARER = 24 }; /* halvings of the bracket, in which f32 has no floats any more */
+#define NEAR 0x1p-4 /* of a move: so near to each other are the two sides, at least */
 #define FAR 0x1p-7 /* by so much parameters of size 1 are moved where less makes no difference to g */
 
 typedef struct Pair {
@@ -36,6 +38,16 @@ static void come_nearer(Batch *b, const Crossing *const *c, Pair *p, uint32_t n)
             if (side) p[i].hash[1] = batch_get_int(b, SLT_OUT_HASH, 0, i);
         }
     }
+}
+
+static double rounded(const SltScene *s, double x) { return s->f64 ? x : (double)(float)x; }
+
+/* Far from the origin neighbouring floats are farther from each other than anything moves. */
+static bool is_near(const SltScene *s, const Pair *p, double step) {
+    bool near = true;
+    for (uint32_t d = 0; d < s->dim; d++)
+        near &= fabs(rounded(s, p->x[1][d]) - rounded(s, p->x[0][d])) <= NEAR * step * (s->hi[d] - s->lo[d]);
+    return near;
 }
 
 /* n <= FIND. Sets differs[i] where the regions do. */
@@ -81,16 +93,17 @@ void stands_find(Sink *k, const Crossing *const *c, uint32_t n, bool *stands) {
     const Apart *apart = k->coincide.apart;
     Pair pair[FIND];
     const SltCullList *lists = b->args.cull;
-    bool deaf[FIND], far[FIND], any = false, differs[FIND] = {false};
+    bool deaf[FIND], far[FIND], still_deaf[FIND], any = false, differs[FIND] = {false};
     /* Rays are dear, and what stops one says no event. */
     bool can = apart && !k->moved && b->s->kernel[SLT_K_REGION] && !search_has_depth(b->s);
     for (uint32_t i = 0; i < n; i++) {
-        stands[i] = deaf[i] = far[i] = can;
+        stands[i] = deaf[i] = far[i] = still_deaf[i] = can;
         memcpy(pair[i].x, c[i]->side, sizeof pair[i].x);
     }
     if (!n || !can) return;
     compare(b, c, pair, n, differs);
     come_nearer(b, c, pair, n);
+    for (uint32_t i = 0; i < n; i++) stands[i] &= is_near(b->s, &pair[i], apart->step);
     b->args.cull = NULL; /* good where nothing has moved */
     ask_moved(b, apart, c, pair, n, stands);
     for (uint32_t i = 0; i < n; i++) any |= stands[i];
@@ -99,7 +112,7 @@ void stands_find(Sink *k, const Crossing *const *c, uint32_t n, bool *stands) {
     for (uint32_t i = 0; i < n; i++) any |= stands[i] && deaf[i];
     /* Rounding makes steps of g, too, which stand until the parameters have gone as far as one is wide. */
     if (any && !k->far && !apart_new(b->s, apart->seed, FAR, &k->far)) k->failed = true;
-    if (any && k->far) ask_moved(b, k->far, c, pair, n, far);
-    for (uint32_t i = 0; i < n; i++) stands[i] &= !deaf[i] || (k->far && far[i]);
+    if (any && k->far) ask_moved(b, k->far, c, pair, n, far), find_deaf(b, k->far, c, pair, n, still_deaf);
+    for (uint32_t i = 0; i < n; i++) stands[i] &= !deaf[i] || (k->far && far[i] && !still_deaf[i]);
     b->args.cull = lists;
 }
