@@ -386,6 +386,17 @@ int cli_prepare_job(Cli *c, SltProgram *p) {
     return SLT_OK;
 }
 
+SltStatus cli_size_of_image(const char *path, bool volume, uint32_t size[3], SltError *err) {
+    Image im;
+    int depth = 1;
+    SltStatus status = volume ? volume_read(path, NULL, &im, &depth, err) : image_read(path, NULL, &im, err);
+    if (status != SLT_OK) return status;
+    size[0] = (uint32_t)im.width, size[1] = (uint32_t)(im.height / depth);
+    if (volume) size[2] = (uint32_t)depth;
+    image_free(&im);
+    return SLT_OK;
+}
+
 int cli_read_image(Cli *c, SltProgram *p, const char *path, bool resize, float **out) {
     SltError err = {0};
     Image im, root, sized, fitted;

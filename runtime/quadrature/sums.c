@@ -97,6 +97,16 @@ void sums_upset(Sums *m, const uint8_t *active, const double jump[SLT_MAX_CHANNE
     }
 }
 
+void sums_gone(Sums *m, const uint8_t *active, const double jump[SLT_MAX_CHANNELS]) {
+    size_t n = (size_t)m->rows * m->nfloats;
+    bool any = false, some = false;
+    for (uint32_t c = 0; c < SLT_MAX_CHANNELS; c++) any |= jump[c] > 0;
+    for (size_t i = 0; i < n && any && !some; i++) some = m->boundary[i] != 0;
+    if (some) sums_upset(m, active, jump);
+    for (size_t i = 0; i < n && any && !some; i++)
+        if (!active || active[i % m->nfloats]) m->variance[i] = INFINITY;
+}
+
 #define SLOWLY 64 /* times the distance of two rules, at most, is what they leave at a small power */
 
 double sums_rims(Sums *m, const uint8_t *active, const double rims[SLT_MAX_CHANNELS]) {

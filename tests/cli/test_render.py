@@ -487,6 +487,8 @@ shader float main(float2 x) {
         moved(-0.4, "--param", "a=1e-1")
         moved(8.0, "--param", "v=[1, 6, 3]")
         moved(8.0, "--param", "v=1,6,3")
+        moved(-2.75, "--param", "v=1.,.5,3.25")
+        moved(-2.75, "--param", "v=[1., .5, 3.25]")
         moved(8.0, "--param", "v.y=6")
         moved(1.0, "--param", "m[0][1]=3")
         moved(1.0, "--param", "m=[[1,3],[3,4]]")
