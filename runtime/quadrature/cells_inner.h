@@ -530,6 +530,8 @@ void cells_slope_along(const double a[3][2], const double f[3][2], int base, int
                        double slope[2]);
 /* Is the curve of an edge in the cell above s on the base? False: the corners do not tell. */
 bool cells_told_by_corners(const CellEdge *e, double s, bool *present);
+/* The height of a quadric: of the two roots the one where the slope has the sign `rises`. */
+double cells_height_on_quadric(const CellEdge *e, int base, double s);
 /* About where it is, as they tell; NaN: they do not. */
 double cells_height_by_corners(const Cell *cell, const CellEdge *e, int base, double s);
 bool cells_cut_planes(Cells *c, uint32_t first); /* makes the cuts, sorted */
