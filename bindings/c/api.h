@@ -59,6 +59,7 @@ struct SltProgram {
     uint8_t *edge_upsets; /* as edge_kind; NULL: no seam does */
     uint32_t *edge_line;  /* likewise: of the source */
     uint8_t *edge_bends;  /* by edge: see SltScene */
+    int8_t *edge_argmin;  /* likewise; NULL: none is */
     uint8_t *edge_kind;   /* by edge; NULL until a kernel that knows edges was asked for */
     uint32_t nedges;
     bool flat, told, chunked;       /* see SltScene */

@@ -47,10 +47,12 @@ struct Run {
     Apart *apart;  /* for coincide.c; NULL: boundaries that coincide are not looked for */
     uint8_t *tied; /* [sites]: twins.c; NULL: no site has a twin, or it was not asked so far */
     bool tied_known;
-    uint8_t *met;     /* [sites]: 1 where lines have met a crossing; NULL: nobody asks */
-    SltStats stats;   /* counts of the tiles merged so far */
-    Sizes kept, gone; /* likewise; see Finder */
+    uint64_t followed; /* crossings found along fingers */
+    uint8_t *met;      /* [sites]: 1 where lines have met a crossing; NULL: nobody asks */
+    SltStats stats;    /* counts of the tiles merged so far */
+    Sizes kept, gone;  /* likewise; see Finder */
     uint64_t steep, rims;
+    double gone_along[SLT_MAX_CHANNELS], parts_gone; /* likewise: Sink.gone, Finder.parts_gone */
     SltError *err;
     double start; /* by pool_now() */
 };

@@ -215,6 +215,22 @@ class Bits(Case):
             seen = {json.dumps(self.strip(self.run_cli("grad", "c.salt", "--json", "--samples", 5000, "--estimator", e, "--threads", t).out)) for t in (1, 2, 5)}
             self.assertEqual(len(seen), 1, e)
 
+    def test_long_arrays(self):
+        """Threads write parts of them, which go out in order."""
+        n = 9000
+        self.put("l.salt", "struct S { float2 c; int tag; float q; }; S none(int i) { S s = { float2(0.0), i, 0.0 }; return s; } param S s[%d] = init(none);"
+                 "shader float main(float2 x) { float f = 0.0; for (int i = 0; i < %d; i++) f += float(s[i].tag) * s[i].q + 0.1 * s[i].c.y; return f; }" % (n, n))
+        out = [self.run_cli("grad", "l.salt", "--integral", "--json", "--samples", 16, "--precision", "f64", "--threads", t).out for t in (1, 2, 5)]
+        cut = [text[:text.index('"seconds"')] for text in out]
+        self.assertEqual(cut[0], cut[1])
+        self.assertEqual(cut[0], cut[2])
+        s = json.loads(out[1])["gradient"]["s"]
+        self.assertEqual(len(s), n)
+        for i in range(n):
+            self.assertAlmostEqual(s[i]["q"], i, delta=1e-9 * n)
+            self.assertEqual(s[i]["c"][0], 0)
+            self.assertAlmostEqual(s[i]["c"][1], 0.1, delta=1e-12)
+
 
 class Images(Case):
     def test_layers(self):
