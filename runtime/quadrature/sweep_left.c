@@ -101,7 +101,8 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     if (v->w->sink.misses) thin_flush_cells(v->w, sides, p->lines);
     v->w->finder.met = NULL;
     for (uint32_t i = 0; i < n; i++) done[i] |= seen[i] || met[i];
-    if (p->hides && !left_cut(v, first, from, n, done, seen)) return false;
+    /* A number of evaluations that is given is obeyed: then the few cells alone have told. */
+    if (p->hides && !p->run->j->max_evaluations && !left_cut(v, first, from, n, done, seen)) return false;
     take_gone(v);
     v->w->finder.lost = NULL, v->w->sink.coincide.apart = NULL, v->w->finder.ties = false;
     v->w->sink.coincide.tied = v->w->finder.tied = NULL;
