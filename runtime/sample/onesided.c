@@ -5,9 +5,11 @@
  * parameters go one by one, forth and back: those are its two one-sided derivatives; many go all at once, along some
  * directions. The middle is given, and half of how far they are apart is stated.
  *
- * That is done where crossings have told of a kink, where two sites have one g (twins.c), or where a boundary lies on
- * the border: the region is another beyond it, some units in the last place away. In the latter two cases one
- * direction is tried first. Elsewhere nothing is asked twice. */
+ * That is done where crossings have told of a kink, where two sites have one g (twins.c), where a boundary lies on
+ * the border: the region is another beyond it, some units in the last place away; or where nothing was found at all, as
+ * of a box that has no height. In the latter three cases one direction is tried first. Elsewhere nothing is asked
+ * twice.
+ */
 #include "runtime/sample/onesided.h"
 
 #include <float.h>
@@ -217,6 +219,14 @@ static bool give(const Sides *q, SltIntegral *out) {
     return any;
 }
 
+/* Nothing was found at all: what there may be has no width where the parameters are. */
+static bool is_empty(const SltScene *s, const SltIntegral *out) {
+    for (uint64_t i = 0; i < (uint64_t)s->channels * s->nfloats; i++)
+        if (is_active(s, (uint32_t)(i % s->nfloats)) && (out->gradient[i] != 0 || out->gradient_stderr[i] != 0))
+            return false;
+    return true;
+}
+
 /* Forth and back along one direction: does any derivative differ? */
 static SltStatus look(const SltScene *s, const SltJob *j, SltEstimator by, bool *differs, SltStats *stats,
                       SltError *err) {
@@ -242,14 +252,15 @@ SltStatus onesided_add(const SltScene *s, const SltJob *j, SltEstimator by, SltI
     Sides q;
     if (!has || !out->gradient || !out->gradient_stderr || j->no_boundary || j->max_evaluations || s->uses_rand)
         return SLT_OK;
-    bool told = may;
+    bool told = may, empty = is_empty(s, out);
     if (!may) st = suspect(s, j, &border, &may, &alike, stats, err);
+    may |= empty;
     if (st == SLT_OK && may && !told) st = look(s, j, by, &may, stats, err);
     if (st != SLT_OK || !may) return st;
     if (!sides_begin(&q, s, false)) st = status_fail(err, SLT_LIMIT, "out of memory");
     q.told = told;
     if (st == SLT_OK) st = run_moves(&q, j, by, stats, err);
-    if (st == SLT_OK && give(&q, out) && !*counted && (border.known || alike))
+    if (st == SLT_OK && give(&q, out) && !*counted && (border.known || alike || empty))
         ++*counted, place_least(&stats->dropped_at[SLT_DROP_COINCIDENT], &border);
     sides_end(&q);
     return st;
