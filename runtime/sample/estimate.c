@@ -433,8 +433,11 @@ SltStatus slt_estimate_hidden(const SltScene *s, const SltJob *job, SltIntegral 
     r.met = s->met;
     if (st == SLT_OK && slt_estimate_has_unmet(s)) st = unmet_add(&r, &of, out->missed_estimate, out->gradient_stderr);
     r.met = NULL;
-    if (st == SLT_OK) st = between_add(&r, &of, REPLICATES, out->missed_estimate, out->gradient_stderr);
-    run_end(&r, stats);
+    if (st == SLT_OK && !j.max_evaluations) /* a number that is given is obeyed */
+        st = between_add(&r, &of, REPLICATES, out->missed_estimate, out->gradient_stderr);
+    SltStats own = SLT_STATS_INIT;
+    run_end(&r, &own);
+    if (stats) stats->evaluations += own.evaluations; /* all else is as it was */
     return st;
 }
 
