@@ -47,6 +47,7 @@ typedef struct Sides {
     bool one_by_one;
     bool alike; /* the same lines and samples in all moves: their errors are alike, and differences no part of these */
     bool told;  /* crossings have told of a kink */
+    bool few;   /* lines: where nothing was found few tell whether there is something */
     uint64_t n; /* channels * nfloats */
     double *lo, *hi, *error; /* [n] */
     double *gradient, *own;  /* [n]: of one move, and its error */
@@ -173,7 +174,9 @@ static SltStatus run_moves(Sides *q, const SltJob *job, SltEstimator by, SltStat
     SltStatus st = SLT_OK;
     q->alike = by != SLT_EST_QUADRATURE;
     j.estimator = by, j.error = j.abs_error = 0, j.progress = NULL;
-    if (q->alike) {
+    if (q->alike && q->few) {
+        j.samples = LEAST_SAMPLES, j.segments = j.segments ? LEAST_SAMPLES : 0;
+    } else if (q->alike) {
         j.samples = j.samples / q->moves > LEAST_SAMPLES ? j.samples / q->moves : LEAST_SAMPLES;
         if (j.segments) j.segments = j.segments / q->moves > LEAST_SAMPLES ? j.segments / q->moves : LEAST_SAMPLES;
     } else {
@@ -228,11 +231,12 @@ static bool is_empty(const SltScene *s, const SltIntegral *out) {
 }
 
 /* Forth and back along one direction: does any derivative differ? */
-static SltStatus look(const SltScene *s, const SltJob *j, SltEstimator by, bool *differs, SltStats *stats,
+static SltStatus look(const SltScene *s, const SltJob *j, SltEstimator by, bool few, bool *differs, SltStats *stats,
                       SltError *err) {
     Sides q;
     double most = 0;
     SltStatus st = sides_begin(&q, s, true) ? SLT_OK : status_fail(err, SLT_LIMIT, "out of memory");
+    q.few = few;
     if (st == SLT_OK) st = run_moves(&q, j, by, stats, err);
     *differs = false;
     for (uint64_t i = 0; i < q.n && st == SLT_OK; i++) most = fmax(most, fmax(fabs(q.lo[i]), fabs(q.hi[i])));
@@ -255,7 +259,7 @@ SltStatus onesided_add(const SltScene *s, const SltJob *j, SltEstimator by, SltI
     bool told = may, empty = is_empty(s, out);
     if (!may) st = suspect(s, j, &border, &may, &alike, stats, err);
     may |= empty;
-    if (st == SLT_OK && may && !told) st = look(s, j, by, &may, stats, err);
+    if (st == SLT_OK && may && !told) st = look(s, j, by, empty, &may, stats, err);
     if (st != SLT_OK || !may) return st;
     if (!sides_begin(&q, s, false)) st = status_fail(err, SLT_LIMIT, "out of memory");
     q.told = told;
