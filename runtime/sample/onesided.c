@@ -35,6 +35,8 @@ enum {
 /* How far a parameter of size 1 goes: beyond rounding, and so little that what the integral bends by is none. */
 #define STEP_F64 0x1p-14
 #define STEP_F32 0x1p-12
+#define NEARER 0.25 /* of a step, where something may grow from nothing: */
+#define GROWS 0.7   /* of what derivatives were remains of a kink, and not of that */
 #define ZERO 1e-12  /* as cos(pi / 2) is */
 #define ASIDE 0.125 /* of that the others go with one: what coincides among them must not hide it */
 #define BENT 0x1p-6 /* of the largest derivative: less is no kink, but a curve that turns fast */
@@ -45,10 +47,11 @@ typedef struct Sides {
     const SltScene *s;
     uint32_t moves;
     bool one_by_one;
-    bool alike; /* the same lines and samples in all moves: their errors are alike, and differences no part of these */
-    bool told;  /* crossings have told of a kink */
-    bool few;   /* lines: where nothing was found few tell whether there is something */
-    uint64_t n; /* channels * nfloats */
+    bool alike;  /* the same lines and samples in all moves: their errors are alike, and differences no part of these */
+    bool told;   /* crossings have told of a kink */
+    bool few;    /* lines: where nothing was found few tell whether there is something */
+    double part; /* of the step that is gone */
+    uint64_t n;  /* channels * nfloats */
     double *lo, *hi, *error; /* [n] */
     double *gradient, *own;  /* [n]: of one move, and its error */
     uint32_t *parameter;     /* one_by_one: [moves / 2] */
@@ -117,7 +120,8 @@ static SltStatus suspect(const SltScene *s, const SltJob *j, SltPlace *at, bool 
 static bool sides_begin(Sides *q, const SltScene *s, bool look) {
     uint32_t active = 0;
     for (uint32_t p = 0; p < s->nfloats; p++) active += is_active(s, p);
-    *q = (Sides){.s = s, .n = (uint64_t)s->channels * s->nfloats, .one_by_one = !look && active <= ONE_BY_ONE};
+    *q = (Sides){
+        .s = s, .part = 1, .n = (uint64_t)s->channels * s->nfloats, .one_by_one = !look && active <= ONE_BY_ONE};
     q->moves = look ? 2 : 2 * (q->one_by_one ? active : DIRECTIONS);
     q->parameter = alloc_zero(active, sizeof *q->parameter);
     q->lo = alloc_zero(5 * q->n, sizeof *q->lo);
@@ -146,7 +150,7 @@ static bool move(const Sides *q, uint32_t seed, uint32_t which, Moved *to) {
         uint32_t u[4];
         rng_block(seed, RNG_COINCIDE, DIRECTIONS + which / 2, p, u);
         if (!is_active(s, p)) continue;
-        dir[p] = step_of(s, p) * (p == mine ? 1 : (u[1] & 1 ? 1 : -1) * (0.5 + 0.5 * rng_unit(u[0])));
+        dir[p] = q->part * step_of(s, p) * (p == mine ? 1 : (u[1] & 1 ? 1 : -1) * (0.5 + 0.5 * rng_unit(u[0])));
         if (q->one_by_one && p != mine) dir[p] *= ASIDE;
     }
     bool memory = dir && scene_move(to, s, dir, 0, sign);
@@ -230,19 +234,29 @@ static bool is_empty(const SltScene *s, const SltIntegral *out) {
     return true;
 }
 
-/* Forth and back along one direction: does any derivative differ? */
-static SltStatus look(const SltScene *s, const SltJob *j, SltEstimator by, bool few, bool *differs, SltStats *stats,
-                      SltError *err) {
+/* Forth and back along one direction, so much of a step: the largest by which derivatives differ, 0 if surely none do.
+ */
+static SltStatus look(const SltScene *s, const SltJob *j, SltEstimator by, bool few, double part, double *differ,
+                      SltStats *stats, SltError *err) {
     Sides q;
     double most = 0;
     SltStatus st = sides_begin(&q, s, true) ? SLT_OK : status_fail(err, SLT_LIMIT, "out of memory");
-    q.few = few;
+    q.few = few, q.part = part;
     if (st == SLT_OK) st = run_moves(&q, j, by, stats, err);
-    *differs = false;
+    *differ = 0;
     for (uint64_t i = 0; i < q.n && st == SLT_OK; i++) most = fmax(most, fmax(fabs(q.lo[i]), fabs(q.hi[i])));
     for (uint64_t i = 0; i < q.n && st == SLT_OK; i++)
-        *differs |= q.hi[i] - q.lo[i] > 2 * fmax(BENT * most, SURE * q.error[i]);
+        if (q.hi[i] - q.lo[i] > 2 * fmax(BENT * most, SURE * q.error[i])) *differ = fmax(*differ, q.hi[i] - q.lo[i]);
     sides_end(&q);
+    return st;
+}
+
+/* Of what was not there at all, as a disc of radius 0, derivatives grow as it does, and are 0 to both sides. */
+static SltStatus look_where_empty(const SltScene *s, const SltJob *j, SltEstimator by, double differ, bool *may,
+                                  SltStats *stats, SltError *err) {
+    double nearer;
+    SltStatus st = look(s, j, by, true, NEARER, &nearer, stats, err);
+    *may = nearer > GROWS * differ;
     return st;
 }
 
@@ -259,7 +273,11 @@ SltStatus onesided_add(const SltScene *s, const SltJob *j, SltEstimator by, SltI
     bool told = may, empty = is_empty(s, out);
     if (!may) st = suspect(s, j, &border, &may, &alike, stats, err);
     may |= empty;
-    if (st == SLT_OK && may && !told) st = look(s, j, by, empty, &may, stats, err);
+    if (st == SLT_OK && may && !told) {
+        double differ = 0;
+        st = look(s, j, by, empty, 1, &differ, stats, err), may = differ > 0;
+        if (st == SLT_OK && may && empty) st = look_where_empty(s, j, by, differ, &may, stats, err);
+    }
     if (st != SLT_OK || !may) return st;
     if (!sides_begin(&q, s, false)) st = status_fail(err, SLT_LIMIT, "out of memory");
     q.told = told;

@@ -163,7 +163,7 @@ class Kinks(Case):
     def test_nothing_there(self):
         """A box of no height and a shell in a `max` are met by no line; where nothing is at all beside the parameters either, nothing is said."""
         for params, body, want in (("h = 0.0", "max(abs(x.x) - 0.5, abs(x.y) - h) < 0.0", (0, 2)), ("h = 0.0", "max(length(x) - 0.5, abs(x.x - 0.1) - h) < 0.0", (0, 4 * math.sqrt(0.24))),
-                                   ("h = 0.3", "length(x - 3.0) < h", None)):
+                                   ("h = 0.3", "length(x - 3.0) < h", None), ("h = 0.0", "length(x) < h", None), ("h = 0.5", "length(x - float2(1.5, 0.0)) < h", None)):
             self.put("s.salt", "param float %s;\n[Domain(-1.0, 1.0)] shader float main(float2 x) { float f = 0.0; [Disc] if (%s) f = 1.0; return f; }" % (params, body))
             for estimator, precision in (("lattice", "f64"), ("quadrature", "f32"), ("auto", "f64")):
                 with self.subTest(body, estimator=estimator, precision=precision):
