@@ -15,6 +15,7 @@ enum {
 #define LEFT_PAYS 0.125
 #define UNSEEN 0.1
 #define LEFT_SHORT 0x1p-24 /* of the domain's width */
+#define LEFT_MOST 0.5
 #define LEFT_HIDES 0x1p-5 /* of what cells have cost: to find out whether their lines must be cut by bounds */
 #define LEFT_ASKS 0x1p-6 /* of what cells have cost: for what those that are left may hide, whatever there is to spare */
 
@@ -131,12 +132,15 @@ static double face(const Box *b, uint32_t dim) {
     return shortest > 0 ? m / shortest : 0;
 }
 
-/* Would a curve through all cells be of any length? Around points they are many and small. */
+/* Would a curve through all cells be of any length? Around points they are many and small. Where most of the domain is
+ * left bounds tell nothing, of lines no more than of cells. */
 static bool may_hide(const Sweep *p) {
     uint32_t dim = p->run->s->dim;
-    double sum = 0;
-    for (uint64_t i = 0; i < p->nleft; i++) sum += face(&p->left[i].box, dim);
-    return p->options.curves && p->errors && !p->marches && sum > LEFT_SHORT * pow(p->volume, 1 - 1.0 / dim);
+    double sum = 0, left = 0;
+    for (uint64_t i = 0; i < p->nleft; i++)
+        sum += face(&p->left[i].box, dim), left += sweep_measure(&p->left[i].box, dim);
+    bool some = left < LEFT_MOST * p->volume && sum > LEFT_SHORT * pow(p->volume, 1 - 1.0 / dim);
+    return p->options.curves && p->errors && !p->marches && some;
 }
 
 /* What so many lines along both axes of a cell cost: their vertices, and two crossings on each. */

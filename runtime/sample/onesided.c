@@ -5,9 +5,11 @@
  * parameters go one by one, forth and back: those are its two one-sided derivatives; many go all at once, along some
  * directions. The middle is given, and half of how far they are apart is stated.
  *
- * That is done where crossings have told of a kink, where two sites have one g (twins.c), or where a boundary lies on
- * the border: the region is another beyond it, some units in the last place away. In the latter two cases one
- * direction is tried first. Elsewhere nothing is asked twice. */
+ * That is done where crossings have told of a kink, where two sites have one g (twins.c), where a boundary lies on
+ * the border: the region is another beyond it, some units in the last place away; or where nothing was found at all, as
+ * of a box that has no height. In the latter three cases one direction is tried first. Elsewhere nothing is asked
+ * twice.
+ */
 #include "runtime/sample/onesided.h"
 
 #include <float.h>
@@ -33,6 +35,8 @@ enum {
 /* How far a parameter of size 1 goes: beyond rounding, and so little that what the integral bends by is none. */
 #define STEP_F64 0x1p-14
 #define STEP_F32 0x1p-12
+#define NEARER 0.25 /* of a step, where something may grow from nothing: */
+#define GROWS 0.7   /* of what derivatives were remains of a kink, and not of that */
 #define ZERO 1e-12  /* as cos(pi / 2) is */
 #define ASIDE 0.125 /* of that the others go with one: what coincides among them must not hide it */
 #define BENT 0x1p-6 /* of the largest derivative: less is no kink, but a curve that turns fast */
@@ -43,9 +47,11 @@ typedef struct Sides {
     const SltScene *s;
     uint32_t moves;
     bool one_by_one;
-    bool alike; /* the same lines and samples in all moves: their errors are alike, and differences no part of these */
-    bool told;  /* crossings have told of a kink */
-    uint64_t n; /* channels * nfloats */
+    bool alike;  /* the same lines and samples in all moves: their errors are alike, and differences no part of these */
+    bool told;   /* crossings have told of a kink */
+    bool few;    /* lines: where nothing was found few tell whether there is something */
+    double part; /* of the step that is gone */
+    uint64_t n;  /* channels * nfloats */
     double *lo, *hi, *error; /* [n] */
     double *gradient, *own;  /* [n]: of one move, and its error */
     uint32_t *parameter;     /* one_by_one: [moves / 2] */
@@ -114,7 +120,8 @@ static SltStatus suspect(const SltScene *s, const SltJob *j, SltPlace *at, bool 
 static bool sides_begin(Sides *q, const SltScene *s, bool look) {
     uint32_t active = 0;
     for (uint32_t p = 0; p < s->nfloats; p++) active += is_active(s, p);
-    *q = (Sides){.s = s, .n = (uint64_t)s->channels * s->nfloats, .one_by_one = !look && active <= ONE_BY_ONE};
+    *q = (Sides){
+        .s = s, .part = 1, .n = (uint64_t)s->channels * s->nfloats, .one_by_one = !look && active <= ONE_BY_ONE};
     q->moves = look ? 2 : 2 * (q->one_by_one ? active : DIRECTIONS);
     q->parameter = alloc_zero(active, sizeof *q->parameter);
     q->lo = alloc_zero(5 * q->n, sizeof *q->lo);
@@ -143,7 +150,7 @@ static bool move(const Sides *q, uint32_t seed, uint32_t which, Moved *to) {
         uint32_t u[4];
         rng_block(seed, RNG_COINCIDE, DIRECTIONS + which / 2, p, u);
         if (!is_active(s, p)) continue;
-        dir[p] = step_of(s, p) * (p == mine ? 1 : (u[1] & 1 ? 1 : -1) * (0.5 + 0.5 * rng_unit(u[0])));
+        dir[p] = q->part * step_of(s, p) * (p == mine ? 1 : (u[1] & 1 ? 1 : -1) * (0.5 + 0.5 * rng_unit(u[0])));
         if (q->one_by_one && p != mine) dir[p] *= ASIDE;
     }
     bool memory = dir && scene_move(to, s, dir, 0, sign);
@@ -171,7 +178,9 @@ static SltStatus run_moves(Sides *q, const SltJob *job, SltEstimator by, SltStat
     SltStatus st = SLT_OK;
     q->alike = by != SLT_EST_QUADRATURE;
     j.estimator = by, j.error = j.abs_error = 0, j.progress = NULL;
-    if (q->alike) {
+    if (q->alike && q->few) {
+        j.samples = LEAST_SAMPLES, j.segments = j.segments ? LEAST_SAMPLES : 0;
+    } else if (q->alike) {
         j.samples = j.samples / q->moves > LEAST_SAMPLES ? j.samples / q->moves : LEAST_SAMPLES;
         if (j.segments) j.segments = j.segments / q->moves > LEAST_SAMPLES ? j.segments / q->moves : LEAST_SAMPLES;
     } else {
@@ -217,18 +226,37 @@ static bool give(const Sides *q, SltIntegral *out) {
     return any;
 }
 
-/* Forth and back along one direction: does any derivative differ? */
-static SltStatus look(const SltScene *s, const SltJob *j, SltEstimator by, bool *differs, SltStats *stats,
-                      SltError *err) {
+/* Nothing was found at all: what there may be has no width where the parameters are. */
+static bool is_empty(const SltScene *s, const SltIntegral *out) {
+    for (uint64_t i = 0; i < (uint64_t)s->channels * s->nfloats; i++)
+        if (is_active(s, (uint32_t)(i % s->nfloats)) && (out->gradient[i] != 0 || out->gradient_stderr[i] != 0))
+            return false;
+    return true;
+}
+
+/* Forth and back along one direction, so much of a step: the largest by which derivatives differ, 0 if surely none do.
+ */
+static SltStatus look(const SltScene *s, const SltJob *j, SltEstimator by, bool few, double part, double *differ,
+                      SltStats *stats, SltError *err) {
     Sides q;
     double most = 0;
     SltStatus st = sides_begin(&q, s, true) ? SLT_OK : status_fail(err, SLT_LIMIT, "out of memory");
+    q.few = few, q.part = part;
     if (st == SLT_OK) st = run_moves(&q, j, by, stats, err);
-    *differs = false;
+    *differ = 0;
     for (uint64_t i = 0; i < q.n && st == SLT_OK; i++) most = fmax(most, fmax(fabs(q.lo[i]), fabs(q.hi[i])));
     for (uint64_t i = 0; i < q.n && st == SLT_OK; i++)
-        *differs |= q.hi[i] - q.lo[i] > 2 * fmax(BENT * most, SURE * q.error[i]);
+        if (q.hi[i] - q.lo[i] > 2 * fmax(BENT * most, SURE * q.error[i])) *differ = fmax(*differ, q.hi[i] - q.lo[i]);
     sides_end(&q);
+    return st;
+}
+
+/* Of what was not there at all, as a disc of radius 0, derivatives grow as it does, and are 0 to both sides. */
+static SltStatus look_where_empty(const SltScene *s, const SltJob *j, SltEstimator by, double differ, bool *may,
+                                  SltStats *stats, SltError *err) {
+    double nearer;
+    SltStatus st = look(s, j, by, true, NEARER, &nearer, stats, err);
+    *may = nearer > GROWS * differ;
     return st;
 }
 
@@ -242,14 +270,19 @@ SltStatus onesided_add(const SltScene *s, const SltJob *j, SltEstimator by, SltI
     Sides q;
     if (!has || !out->gradient || !out->gradient_stderr || j->no_boundary || j->max_evaluations || s->uses_rand)
         return SLT_OK;
-    bool told = may;
+    bool told = may, empty = is_empty(s, out);
     if (!may) st = suspect(s, j, &border, &may, &alike, stats, err);
-    if (st == SLT_OK && may && !told) st = look(s, j, by, &may, stats, err);
+    may |= empty;
+    if (st == SLT_OK && may && !told) {
+        double differ = 0;
+        st = look(s, j, by, empty, 1, &differ, stats, err), may = differ > 0;
+        if (st == SLT_OK && may && empty) st = look_where_empty(s, j, by, differ, &may, stats, err);
+    }
     if (st != SLT_OK || !may) return st;
     if (!sides_begin(&q, s, false)) st = status_fail(err, SLT_LIMIT, "out of memory");
     q.told = told;
     if (st == SLT_OK) st = run_moves(&q, j, by, stats, err);
-    if (st == SLT_OK && give(&q, out) && !*counted && (border.known || alike))
+    if (st == SLT_OK && give(&q, out) && !*counted && (border.known || alike || empty))
         ++*counted, place_least(&stats->dropped_at[SLT_DROP_COINCIDENT], &border);
     sides_end(&q);
     return st;

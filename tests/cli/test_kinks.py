@@ -160,6 +160,19 @@ class Kinks(Case):
                     j = self.json_cli("grad", "s.salt", "--integral", "--estimator", way[0], "--precision", way[1], "--samples", "2^15")
                     self.assertNotIn("coincident", [w["code"] for w in j["warnings"]])
 
+    def test_nothing_there(self):
+        """A box of no height and a shell in a `max` are met by no line; where nothing is at all beside the parameters either, nothing is said."""
+        for params, body, want in (("h = 0.0", "max(abs(x.x) - 0.5, abs(x.y) - h) < 0.0", (0, 2)), ("h = 0.0", "max(length(x) - 0.5, abs(x.x - 0.1) - h) < 0.0", (0, 4 * math.sqrt(0.24))),
+                                   ("h = 0.3", "length(x - 3.0) < h", None), ("h = 0.0", "length(x) < h", None), ("h = 0.5", "length(x - float2(1.5, 0.0)) < h", None)):
+            self.put("s.salt", "param float %s;\n[Domain(-1.0, 1.0)] shader float main(float2 x) { float f = 0.0; [Disc] if (%s) f = 1.0; return f; }" % (params, body))
+            for estimator, precision in (("lattice", "f64"), ("quadrature", "f32"), ("auto", "f64")):
+                with self.subTest(body, estimator=estimator, precision=precision):
+                    j = self.json_cli("grad", "s.salt", "--integral", "--estimator", estimator, "--precision", precision, "--samples", "2^16")
+                    told = "coincident" in [w["code"] for w in j["warnings"]]
+                    self.assertEqual(told, want is not None)
+                    for side in want or ():
+                        self.assertLessEqual(abs(j["gradient"]["h"] - side), 1.02 * j["stderr"]["h"])
+
     def test_few(self):
         """Faces seen at a grazing angle have edges that are almost one: of 7 600 crossings one or two say kink."""
         mesh = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../examples/mesh_views/mesh.salt")
