@@ -26,6 +26,10 @@ static const uint64_t trial_budget[3] = {400, 400, 2000}; /* evaluations of each
 #define DEARER_IMAGE 10.0 /* for an image: its lattice is coarse */
 #define THIN 0.1          /* but where so many of its curves are too near to each other for that */
 #define DEARER_THIN 100.0
+/* Steps that bear noise want more of them, not better ones. An evaluation of cells takes longer than one of lines. */
+#define FRUGAL 0.5
+#define FRUGAL_THIN 1.0
+#define FRUGAL_TRIAL 0.1 /* what the trial itself may cost then, of what the lattice does */
 #define WIDER_BUDGET 0.05   /* what these may cost, of what the lattice does, */
 #define WIDER_DEAREST 0.005 /* and each of them */
 #define IMAGE_CELLS 16.0  /* nor where an image has more cells a pixel than this */
@@ -215,7 +219,7 @@ typedef struct Trial {
 typedef struct Tiles {
     uint32_t first, n;
     uint64_t budget, most;
-    double dearer; /* than the lattice cells may be, so many times */
+    double dearer, thin; /* than the lattice cells may be, so many times; where it would see neither of two curves */
 } Tiles;
 
 /* Cuts the tiles into cells. May all of the domain be cut? Told too: how many had not enough. */
@@ -245,7 +249,7 @@ static bool tiles_pay(const Trial *t, const Tiles *a, uint32_t *spent, bool *ok)
     double used =
         (double)(t->b->evaluations - before + cost.curve) + (double)cost.volume * (j->no_interior ? 1 : t->s->channels);
     /* What the lattice would not see is no matter of its price. */
-    double dearer = cost.thin > THIN * (double)cost.curve ? DEARER_THIN : a->dearer;
+    double dearer = cost.thin > THIN * (double)cost.curve ? a->thin : a->dearer;
     bool cheap = wants_error(j) || used / all <= dearer * t->lattice;
     return *ok && cheap && counts.left <= (wants_error(j) ? TRIAL_LEFT_WANTED : TRIAL_LEFT) * all;
 }
@@ -260,9 +264,13 @@ SltEstimator quadrature_try(const SltScene *s, const SltJob *j, SltStats *stats)
     Trial t = {s, j, &g, ok ? cells_new(&b, s->lo, s->hi) : NULL, &b, quadrature_lattice(s, j, true, !j->no_interior)};
     ok &= t.cells != NULL;
     uint32_t spent = 0;
-    Tiles few = {0, TRIALS, trial_budget[g.dim - 1], UINT64_MAX, g.integral ? DEARER : DEARER_IMAGE};
-    Tiles wider = {TRIALS, WIDER, (uint64_t)(WIDER_DEAREST * t.lattice), (uint64_t)(WIDER_BUDGET * t.lattice), 1};
+    Tiles few = {0, TRIALS, trial_budget[g.dim - 1], UINT64_MAX, g.integral ? DEARER : DEARER_IMAGE, DEARER_THIN};
+    Tiles wider = {TRIALS, WIDER, (uint64_t)(WIDER_DEAREST * t.lattice), (uint64_t)(WIDER_BUDGET * t.lattice), 1, 1};
+    bool frugal = s->frugal && !g.integral && !wants_error(j) && j->interior != SLT_INTERIOR_QUADRATURE;
+    if (frugal) few.most = (uint64_t)(FRUGAL_TRIAL * t.lattice), few.dearer = FRUGAL, few.thin = FRUGAL_THIN;
     if (ok) pays = tiles_pay(&t, &few, &spent, &ok);
+    /* What the rest of a tile costs that had not enough is not known: it may be a hundred times as much. */
+    if (frugal && spent) pays = false;
     /* Most were cheap: the rest may be thin things, to which lines are blind. Other tiles tell more, if there is more
      * to spend on each. In a volume what is left over has no bars as good as those of lines. */
     bool asks = g.integral && g.dim < 3 && spent <= FEW && wider.most > WIDER * few.budget;

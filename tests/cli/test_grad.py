@@ -288,7 +288,12 @@ shader float main(float2 x) { float s = 0.0; for (int i = 0; i < 40; i++) { [Dis
     def test_other_formats(self):
         self.put("c.salt", CIRCLE)
         self.run_cli("grad", "c.salt", "--size", "8x4", "--wrt", "radius", "-o", "g.npy")
-        self.assertEqual(read_npy(self.get("g.npy"))[0][:2], (4, 8))
+        shape, v = read_npy(self.get("g.npy"))
+        self.assertEqual(shape, (4, 8, 3))  # the image, its derivative, crossings
+        self.run_cli("grad", "c.salt", "--size", "8x4", "--wrt", "radius", "-o", "g.exr")
+        layers = read_exr(self.get("g.exr"))[1]
+        for k, name in enumerate(("Y", "d.radius.Y", "crossings.Y")):
+            self.assertEqual([f32(a) for a in v[k::3]], [f32(a) for row in layers[name] for a in row], name)
         self.run_cli("grad", "c.salt", "--size", 8, "-o", "no/g.exr", code=5)
         self.run_cli("grad", "c.salt", "--size", 8, "-o", "g.gif", code=2)
 
