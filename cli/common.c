@@ -337,6 +337,10 @@ int cli_compile(Cli *c, SltProgram **out) {
     if (c->params_file) file_read_all(c->params_file, &file_text, &values, &size, &read);
     *out = NULL;
     SltStatus status = compile(c, (const char *)values, out);
+    if (status == SLT_OK && values && cli_params_resize(c, *out, (const char *)values)) {
+        slt_program_free(*out);
+        status = compile(c, (const char *)values, out);
+    }
     SltProgram *p = *out;
     if (c->verb->bit == RENDER) cli_forget_derivatives(p);
     bool told = slt_diagnostic_count(p) > 0;

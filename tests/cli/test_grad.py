@@ -231,6 +231,17 @@ class Bits(Case):
             self.assertEqual(s[i]["c"][0], 0)
             self.assertAlmostEqual(s[i]["c"][1], 0.1, delta=1e-12)
 
+    def test_first_look_at_long_loops(self):
+        """Threads share the boxes that say whether cells pay."""
+        n = 5000
+        self.put("l.salt", "float3 at(int i) { return float3(frac(0.618034 * float(i)), float(i) / %d.0, 0.004); } param float3 disc[%d] = init(at);"
+                 "shader float main(float2 x) { float f = 0.0; for (int i = 0; i < %d; i++) { float2 d = x - disc[i].xy; [Disc] if (dot(d, d) < disc[i].z * disc[i].z) f = 1.0; } return f; }" % (n, n, n))
+        out = [self.run_cli("grad", "l.salt", "--integral", "--json", "--estimator", "quadrature", "--error", 1e-2, "--precision", "f64", "--threads", t).out for t in (1, 2, 3)]
+        cut = [text[:text.index('"seconds"')] for text in out]
+        self.assertEqual(cut[0], cut[1])
+        self.assertEqual(cut[0], cut[2])
+        self.assertEqual(json.loads(out[0])["certified"], 1)
+
 
 class Images(Case):
     def test_layers(self):
@@ -277,7 +288,12 @@ shader float main(float2 x) { float s = 0.0; for (int i = 0; i < 40; i++) { [Dis
     def test_other_formats(self):
         self.put("c.salt", CIRCLE)
         self.run_cli("grad", "c.salt", "--size", "8x4", "--wrt", "radius", "-o", "g.npy")
-        self.assertEqual(read_npy(self.get("g.npy"))[0][:2], (4, 8))
+        shape, v = read_npy(self.get("g.npy"))
+        self.assertEqual(shape, (4, 8, 3))  # the image, its derivative, crossings
+        self.run_cli("grad", "c.salt", "--size", "8x4", "--wrt", "radius", "-o", "g.exr")
+        layers = read_exr(self.get("g.exr"))[1]
+        for k, name in enumerate(("Y", "d.radius.Y", "crossings.Y")):
+            self.assertEqual([f32(a) for a in v[k::3]], [f32(a) for row in layers[name] for a in row], name)
         self.run_cli("grad", "c.salt", "--size", 8, "-o", "no/g.exr", code=5)
         self.run_cli("grad", "c.salt", "--size", 8, "-o", "g.gif", code=2)
 
