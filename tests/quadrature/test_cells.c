@@ -219,24 +219,6 @@ static void smooth_curves(void **state) {
     }
 }
 
-/* Of most roots of the coarse rule those of the fine one tell so much that one
- * evaluation is enough. */
-static void guessed_roots(void **state) {
-    (void)state;
-    Scene s;
-    const double p = 1;
-    scene_init(&s, 2, 1, 0, metaballs_g, inside_f, &p, 1);
-    CellOptions o = run_options(10);
-    o.volume = false, o.coarse = 0;
-    double want = run_scene(&s, &o, NULL).slope[0][0];
-    o = run_options(7);
-    o.volume = false, o.coarse = 6, o.tolerance = 3e-11, o.few = 2;
-    Run r = run_scene(&s, &o, NULL);
-    near("slope", r.slope[0][0], want, 1e-10);
-    if (getenv("CELLS_SHOW")) printf("    %llu\n", (unsigned long long)(r.counts.boxes + r.counts.points));
-    assert_true(r.counts.boxes + r.counts.points < 36000);
-}
-
 static uint64_t discs_points; /* of the last run */
 
 /* Relative L2 error over the 3 n derivatives. */
@@ -574,7 +556,6 @@ int main(void) {
                                        cmocka_unit_test(in_single_precision),
                                        cmocka_unit_test(circle),
                                        cmocka_unit_test(smooth_curves),
-                                       cmocka_unit_test(guessed_roots),
                                        cmocka_unit_test(opaque_discs),
                                        cmocka_unit_test(lens),
                                        cmocka_unit_test(chord),
