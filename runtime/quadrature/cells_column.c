@@ -261,11 +261,48 @@ static bool add_columns(Cells *c, uint32_t piece, CellRule rule) {
     return true;
 }
 
+#define STRAIGHT 0x1p-30 /* of the height of a cell: so little a curve departs from its tangent */
+
+/* On the cubic through two roots with their slopes. */
+static double on_cubic(const Piece *p, const Root *a, const Root *b, double at) {
+    double width = b->x[p->base] - a->x[p->base], t = (at - a->x[p->base]) / width, u = 1 - t;
+    double climb[2] = {-a->dg[p->base] / a->dg[p->axis], -b->dg[p->base] / b->dg[p->axis]};
+    return u * u * (1 + 2 * t) * a->x[p->axis] + t * t * (3 - 2 * t) * b->x[p->axis] +
+           t * u * width * (u * climb[0] - t * climb[1]);
+}
+
+/* By how much a guess there is wrong, as it was at two roots. */
+static double wrong_by(const Piece *p, const Root *a, const Root *b, double at) {
+    double t = (at - a->x[p->base]) / (b->x[p->base] - a->x[p->base]);
+    return (1 - t) * (a->x[p->axis] - a->guess) + t * (b->x[p->axis] - b->guess);
+}
+
+/* Roots of the fine rule are solved: of those of the coarse one they tell more, for the points of rules of n and n - 1
+ * points alternate. Where corners made the guesses they are put right, else they are taken from cubics. */
+static void guess_coarse(Cells *c, const Column *from, const Column *to) {
+    const Piece *p = &c->piece[from->piece];
+    const Column *coarse = from;
+    while (coarse < to && coarse->rule == CELL_FINE) coarse++;
+    bool alternate = p->base >= 0 && coarse - from == to - coarse + 1;
+    for (uint32_t k = 0; coarse + k < to; k++)
+        for (uint32_t i = 0; i < coarse[k].nroots; i++) {
+            Root *r = &c->root[coarse[k].first + i];
+            r->waits = false;
+            if (r->solved || !alternate) continue;
+            const Root *a = &c->root[from[k].first + i], *b = &c->root[from[k + 1].first + i];
+            bool told = !isnan(p->edge[r->edge].off);
+            double guess = told ? r->guess + wrong_by(p, a, b, r->x[p->base]) : on_cubic(p, a, b, r->x[p->base]);
+            /* Of a straight curve the guess from the middle is the better one. */
+            bool straight = !told && fabs(guess - r->guess) <= STRAIGHT * (r->hi - r->lo);
+            if (!straight && guess > r->lo && guess < r->hi) r->x[p->axis] = cells_round(c, guess);
+        }
+}
+
 static bool solve_columns(Cells *c, const uint32_t *first, uint32_t pieces) {
     for (uint32_t i = 0; i < c->nroot; i++) c->root[i].waits = c->column[c->root[i].column].rule == CELL_COARSE;
     if (!cells_solve(c)) return false;
     for (uint32_t i = 0; i < pieces; i++)
-        if (first[i] < first[i + 1]) cells_guess_coarse(c, &c->column[first[i]], &c->column[first[i + 1]]);
+        if (first[i] < first[i + 1]) guess_coarse(c, &c->column[first[i]], &c->column[first[i + 1]]);
     return cells_solve(c);
 }
 

@@ -12,7 +12,6 @@
  *   cells_stretch.c that asked of stretches of the base, until bounds prove the answer
  *   cells_border.c  areas by what bounds them, where f is constant between curves
  *   cells_points.c  how many points a piece gets, and where
- *   cells_guess.c   about where the roots of the coarse rule lie
  *   cells_column.c  pieces of the base become columns, these roots and crossings
  *   cells_arc.c     pieces of one quadric, with f constant on both sides, become crossings at once
  *   cells_twins.c   curves that lie on each other as far as rounding lets one tell: what is between them
@@ -546,9 +545,6 @@ void cells_choose_points(const Cells *c, Piece *p);
 const GaussRule *cells_rule_of(const Cells *c, const Piece *p, CellRule rule);
 /* Where t of [0, 1] lies on the base of a piece with a turn, in parts of that, and how fast that goes there. */
 double cells_along_base(const Piece *p, double t, double *pace);
-
-/* ---- cells_guess.c: of the columns of a piece, those of the fine rule first, whose roots are solved */
-void cells_guess_coarse(Cells *c, const Column *from, const Column *to);
 
 /* ---- cells_column.c */
 bool cells_integrate(Cells *c); /* over all pieces */
