@@ -153,7 +153,9 @@ static bool product_rule(Levels *s, Side *h) {
                      : h->level;
     if (!most.at && most.c < 0) return false; /* it always decides alike */
     h->level = most.at ? (Level){.at = ir_emit1(&s->b, OP_fsqrt, most.at)} : (Level){.c = sqrt(most.c)};
-    return magnitude(s, h, h->v);
+    if (!(s->range[h->v->id].hi <= 0)) return magnitude(s, h, h->v);
+    h->v = ir_emit1(&s->b, OP_fneg, h->v), h->gain++;
+    return false; /* of what is new nothing is known */
 }
 
 /* k / v of what is positive. */

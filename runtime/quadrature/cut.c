@@ -9,6 +9,8 @@
 #include "runtime/sample/near.h"
 #include "runtime/sample/prove.h"
 
+#define VAIN 0.5 /* share of the cells that cutting does not settle: where g is 0 on an area it never ends */
+
 enum {
     LINE_BOXES = 96, /* a line: about two for each halving, and as many crossings as are usual */
     PILOT_COST = 80, /* of a cell, for each line across it */
@@ -23,6 +25,7 @@ bool left_cut(SweepWorker *v, const LeftCell *l, uint64_t from, uint32_t n, bool
     uint8_t cell[LEFT_CHUNK];
     uint32_t lanes = 0, open = 0;
     bool ok = true, gave_up[LEFT_CHUNK] = {false};
+    v->vain = 0;
     if (!p->errors || !p->options.curves || p->marches || f->proves || s->ngeometries || s->uses_rand) return true;
     for (uint32_t i = 0; i < n; i++) {
         if (!(l[i].stands > 0) || done[i] || sweep_gap(p, &l[i].box) >= 0) continue;
@@ -46,6 +49,7 @@ bool left_cut(SweepWorker *v, const LeftCell *l, uint64_t from, uint32_t n, bool
     }
     finder_run(f, true);
     f->proves = f->finest = false, f->open = f->met = NULL;
+    for (uint32_t i = 0; i < open; i++) v->vain += gave_up[cell[i]] ? 1.0 / open : 0;
     return ok;
 }
 
@@ -79,5 +83,6 @@ bool left_hides(SweepWorker *v, double spend) {
     f->full = full, f->silent_full = silent_full, v->w->sink.misses = true;
     run_collect(p->run, v->w);
     before.evaluations = p->run->stats.evaluations, p->run->stats = before; /* what was found is found again */
-    return all > met && MANY * (all - met) > met;
+    if (v->vain > VAIN) p->hides = false;
+    return p->hides && all > met && MANY * (all - met) > met;
 }

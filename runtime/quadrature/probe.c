@@ -3,8 +3,10 @@
  * hold it, and the mean of 1 / volume over points is the number of cells. Where that looks well, a few small tiles are
  * cut into cells in earnest. No clock is asked, and nothing is remembered. */
 #include <math.h>
+#include <stdlib.h>
 
 #include "runtime/quadrature/inner.h"
+#include "runtime/sample/alloc.h"
 #include "runtime/sample/prove.h"
 
 enum {
@@ -43,45 +45,81 @@ static void box_at(const SltScene *s, uint32_t point, uint32_t level, double lo[
     }
 }
 
-/* Returns what |f| is at least somewhere. */
-static double ask(Batch *b, int32_t state[LEVELS][POINTS], int32_t open[LEVELS][POINTS]) {
-    for (uint32_t l = 0; l < LEVELS; l++)
-        for (uint32_t i = 0; i < POINTS; i++) {
-            double lo[3] = {0}, hi[3] = {0};
-            box_at(b->s, i, l, lo, hi);
-            batch_set_x(b, l * POINTS + i, lo);
-            for (uint32_t d = 0; d < b->s->dim; d++) batch_set(b, SLT_IN_H0 + d, l * POINTS + i, hi[d]);
-        }
-    batch_call(b, SLT_K_BOUNDS, LEVELS * POINTS);
+/* What bounds say of each box, level by level. Loops of many iterations are asked about by threads, some boxes each: no
+ * list tells yet which of them matter. */
+enum { BOXES = LEVELS * POINTS, SHARE = 24, MANY = 1 << 12 };
+typedef struct Asking {
+    const SltScene *s;
+    const Grid *grid;
+    uint32_t share;                    /* boxes of a call */
+    int32_t state[BOXES], open[BOXES]; /* level by level */
+    double seen;                       /* what |f| is at least somewhere */
+    SltStats stats;
+    struct {
+        Batch batch;
+        double seen; /* of its last call */
+    } *worker;
+} Asking;
+
+static bool ask(void *user, uint32_t worker, uint64_t share) {
+    Asking *a = user;
+    Batch *b = &a->worker[worker].batch;
+    const uint32_t first = (uint32_t)share * a->share;
+    if (!b->s && !batch_init(b, a->s, a->grid)) return false;
+    for (uint32_t i = 0; i < a->share; i++) {
+        double lo[3] = {0}, hi[3] = {0};
+        box_at(b->s, (first + i) % POINTS, (first + i) / POINTS, lo, hi);
+        batch_set_x(b, i, lo);
+        for (uint32_t d = 0; d < b->s->dim; d++) batch_set(b, SLT_IN_H0 + d, i, hi[d]);
+    }
+    batch_call(b, SLT_K_BOUNDS, a->share);
     double seen = 0;
-    for (uint32_t l = 0; l < LEVELS; l++)
-        for (uint32_t i = 0; i < POINTS; i++) {
-            for (uint32_t c = 0; c < b->s->channels; c++) {
-                double least = batch_get(b, SLT_OUT_F_LO, c, l * POINTS + i);
-                double most = batch_get(b, SLT_OUT_F_HI, c, l * POINTS + i);
-                if (least <= most) seen = fmax(seen, fmax(least, -most)); /* all of the box is that far from 0 */
-            }
-            state[l][i] = batch_get_int(b, SLT_OUT_BOX_STATE, 0, l * POINTS + i);
-            open[l][i] = batch_open(b, l * POINTS + i);
+    for (uint32_t i = 0; i < a->share; i++) {
+        for (uint32_t c = 0; c < b->s->channels; c++) {
+            double least = batch_get(b, SLT_OUT_F_LO, c, i), most = batch_get(b, SLT_OUT_F_HI, c, i);
+            if (least <= most) seen = fmax(seen, fmax(least, -most)); /* all of the box is that far from 0 */
         }
-    return seen;
+        a->state[first + i] = batch_get_int(b, SLT_OUT_BOX_STATE, 0, i), a->open[first + i] = batch_open(b, i);
+    }
+    a->worker[worker].seen = seen;
+    return true;
+}
+static void take_seen(void *user, uint32_t worker, uint64_t share) {
+    Asking *a = user;
+    (void)share;
+    a->seen = fmax(a->seen, a->worker[worker].seen);
+    batch_collect(&a->worker[worker].batch, &a->stats);
+}
+
+/* False when memory runs out. */
+static bool ask_all(Asking *a, const SltJob *j) {
+    uint64_t iterations = 0;
+    for (uint32_t i = 0; i < a->s->nlists; i++) iterations += a->s->list_count[i];
+    a->share = iterations < MANY ? BOXES : SHARE;
+    PoolOptions pool = {.threads = pool_threads(j->threads, BOXES / a->share)};
+    a->worker = alloc_zero(pool.threads, sizeof *a->worker);
+    bool ok = a->worker && pool_run(&pool, BOXES / a->share, ask, take_seen, a, NULL) == SLT_OK;
+    for (uint32_t i = 0; i < pool.threads && a->worker; i++)
+        if (a->worker[i].batch.s) batch_free(&a->worker[i].batch);
+    free(a->worker);
+    return ok;
 }
 
 Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats) {
     Outlook o = {.unproven = 1, .side = 1};
-    Batch b;
     Grid g;
     SltError err;
-    int32_t state[LEVELS][POINTS], open[LEVELS][POINTS];
     if (!s->kernel[SLT_K_BOUNDS] || s->uses_rand || grid_init(&g, s, j, &err) != SLT_OK) return o;
-    o.no_memory = !batch_init(&b, s, &g);
+    Asking a = {.s = s, .grid = &g, .stats = SLT_STATS_INIT};
+    o.no_memory = !ask_all(&a, j);
     if (!o.no_memory) {
         uint32_t unproven = 0, finest[LEVELS + 1] = {0}, level = 0, places = 0;
-        o.seen = ask(&b, state, open);
+        o.seen = a.seen;
         for (uint32_t i = 0; i < POINTS; i++) {
             uint32_t l = 0;
-            while (l < LEVELS && (state[l][i] & SLT_BOX_UNKNOWN || open[l][i] > SLT_MAX_OPEN)) l++;
-            if (l == LEVELS && state[l - 1][i] & SLT_BOX_UNKNOWN) unproven++;
+            while (l < LEVELS && (a.state[l * POINTS + i] & SLT_BOX_UNKNOWN || a.open[l * POINTS + i] > SLT_MAX_OPEN))
+                l++;
+            if (l == LEVELS && a.state[(l - 1) * POINTS + i] & SLT_BOX_UNKNOWN) unproven++;
             finest[l]++;
         }
         for (uint32_t l = 0, rest = POINTS - CHANCE; l <= LEVELS; l++) {
@@ -92,11 +130,9 @@ Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats) 
         while ((places += finest[level]) <= POINTS / 2) level++;
         o.side = ldexp(1, -2 * (int)(level + 1));
         o.unproven = (double)unproven / POINTS;
-        SltStats own = SLT_STATS_INIT;
-        batch_collect(&b, &own);
-        if (stats) stats->evaluations += own.evaluations;
+        if (stats) stats->evaluations += a.stats.evaluations;
     }
-    batch_free(&b), grid_free(&g);
+    grid_free(&g);
     return o;
 }
 

@@ -133,6 +133,7 @@ struct SweepWorker {
     struct March *march;           /* march.c, likewise */
     Splat splat; /* SWEEP_RENDER, SWEEP_FORWARD: planes of the interior; SWEEP_LOSS: pixels of the tile */
     Kept kept;   /* SWEEP_LOSS */
+    double vain; /* share of the cells that left_cut gave up */
     bool failed; /* memory ran out */
 };
 /* What bounds say that a cell which is left can hide of the value: measure times the largest range of a channel. */

@@ -261,6 +261,7 @@ SltStatus sweep_work_off_left(Sweep *p, uint64_t start) {
     p->first_chunk = 0;
     p->hides = may_hide(p);
     p->cuts = p->hides && left_hides(&p->worker[0], LEFT_HIDES * (double)used);
+    began = r->stats.evaluations;
     if (p->worker[0].failed) st = status_fail(r->err, SLT_LIMIT, "out of memory");
     for (uint32_t k = p->marches || !p->budget ? PARTS - 1 : 0; k < PARTS && st == SLT_OK; k++) {
         uint64_t to = k + 1 < PARTS ? (uint64_t)(upto[k] * (double)chunks) : chunks, from = p->first_chunk;

@@ -113,6 +113,7 @@ SltStatus slt_estimate_forward(const SltScene *s, const SltJob *j, uint32_t ndir
         if (st == SLT_OK && !j->no_boundary) st = boundary_run(&y, SINK_FORWARD);
         /* A few are steep for other reasons. */
         if (4 * r.rims > r.steep) r.stats.singular = (double)r.rims / (double)r.steep;
+        run_forget_few(&r);
         r.stats.seconds_boundary = pool_now() - t;
     }
     run_end(&r, stats);
@@ -224,6 +225,7 @@ static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const 
     mask_inactive(s, gradient), mask_inactive(s, stderr_bound);
     for (uint32_t c = 0; c < classes && classes > 1; c++) free(part[c]);
     free(mean), free(noise), free(missed), parts_free(&tiles);
+    run_forget_few(&r);
     run_end(&r, stats);
     return st;
 }
@@ -411,6 +413,7 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
     if (s->followed) *s->followed = (double)r.followed / k.n;
     free(k.value), free(k.interior), free(k.boundary), free(k.missed), free(k.half), free(k.sketch);
     tails_free(&tails);
+    run_forget_few(&r);
     run_end(&r, stats);
     return st;
 }
@@ -430,8 +433,11 @@ SltStatus slt_estimate_hidden(const SltScene *s, const SltJob *job, SltIntegral 
     r.met = s->met;
     if (st == SLT_OK && slt_estimate_has_unmet(s)) st = unmet_add(&r, &of, out->missed_estimate, out->gradient_stderr);
     r.met = NULL;
-    if (st == SLT_OK) st = between_add(&r, &of, REPLICATES, out->missed_estimate, out->gradient_stderr);
-    run_end(&r, stats);
+    if (st == SLT_OK && !j.max_evaluations) /* a number that is given is obeyed */
+        st = between_add(&r, &of, REPLICATES, out->missed_estimate, out->gradient_stderr);
+    SltStats own = SLT_STATS_INIT;
+    run_end(&r, &own);
+    if (stats) stats->evaluations += own.evaluations; /* all else is as it was */
     return st;
 }
 

@@ -120,7 +120,8 @@ struct Finder {
     bool proves, prove_classes;
     bool finest;          /* they are cut down to a few floats, for no more than */
     uint64_t prove_boxes; /* this many boxes; */
-    bool *open, *met; /* set by owner where a part was given up, and where a crossing was found; NULL: nobody asks */
+    bool *open, *met; /* set by owner where a part was given up that touches none, and where a crossing was found; NULL:
+                         nobody asks */
     bool ties;        /* crossings at which regions differ and f does not are wanted too: Crossing.silent */
     bool coarse;      /* rays in an image: a root to 2^-9 of a segment, less than a hundredth of a pixel, will do */
     bool halve_only;  /* as Belhe et al. search: bisection on the hash down to 2^-15 */

@@ -102,7 +102,7 @@ static void halve(Finder *f, Segment *part, uint32_t n) {
 
 static void give_up(Finder *f, const Segment *s) {
     f->unproven++;
-    if (f->open) f->open[s->owner] = true;
+    if (f->open && !s->touches) f->open[s->owner] = true;
 }
 
 void prove_run(Finder *f, bool all) {

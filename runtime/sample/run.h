@@ -61,6 +61,10 @@ PoolOptions pool_of_job(const SltJob *j, uint32_t threads);
 SltStatus run_begin(Run *r, const SltScene *s, const SltJob *j, SltError *err);
 /* Adds the run's counts to `stats` (may be NULL) and frees everything. */
 void run_end(Run *r, SltStats *stats);
+/* After lines: where few of their crossings told of boundaries that coincide they are not counted as such: edges that
+ * are almost one, as of faces seen at a grazing angle, lie nearer to each other than parameters were moved. What these
+ * may err by is stated all the same. */
+void run_forget_few(Run *r);
 /* to may be NULL. stats_of_cells: only the members about cells, which are not added up. */
 void stats_add(SltStats *to, const SltStats *s);
 void stats_of_cells(SltStats *to, const SltStats *s);

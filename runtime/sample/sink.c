@@ -17,7 +17,7 @@ bool sink_init(Sink *k, SinkKind kind, Batch *b, Accum *acc, Finder *f, const Gr
 
 void sink_free(Sink *k) {
     free(k->order), free(k->kept), free(k->thin), free(k->doubt);
-    coincide_free(&k->coincide);
+    coincide_free(&k->coincide), apart_free(k->far);
     splat_free(&k->splat);
     memset(k, 0, sizeof *k);
 }

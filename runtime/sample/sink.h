@@ -58,6 +58,7 @@ struct Sink {
     bool misses; /* there are sums of what is missed: SINK_INTEGRAL, and as the last buffer SINK_REVERSE */
     bool clip;   /* drop crossings outside the domain, uncounted */
     bool failed; /* memory ran out */
+    Apart *far;  /* stands.c: parameters that have gone far; NULL: not needed so far */
     /* Of crossings without a weight: |jump| times what their lines stand for; SINK_REVERSE: in [0], as the adjoint
      * weighs it. */
     double gone[SLT_MAX_CHANNELS];

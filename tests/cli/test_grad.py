@@ -231,6 +231,17 @@ class Bits(Case):
             self.assertEqual(s[i]["c"][0], 0)
             self.assertAlmostEqual(s[i]["c"][1], 0.1, delta=1e-12)
 
+    def test_first_look_at_long_loops(self):
+        """Threads share the boxes that say whether cells pay."""
+        n = 5000
+        self.put("l.salt", "float3 at(int i) { return float3(frac(0.618034 * float(i)), float(i) / %d.0, 0.004); } param float3 disc[%d] = init(at);"
+                 "shader float main(float2 x) { float f = 0.0; for (int i = 0; i < %d; i++) { float2 d = x - disc[i].xy; [Disc] if (dot(d, d) < disc[i].z * disc[i].z) f = 1.0; } return f; }" % (n, n, n))
+        out = [self.run_cli("grad", "l.salt", "--integral", "--json", "--estimator", "quadrature", "--error", 1e-2, "--precision", "f64", "--threads", t).out for t in (1, 2, 3)]
+        cut = [text[:text.index('"seconds"')] for text in out]
+        self.assertEqual(cut[0], cut[1])
+        self.assertEqual(cut[0], cut[2])
+        self.assertEqual(json.loads(out[0])["certified"], 1)
+
 
 class Images(Case):
     def test_layers(self):

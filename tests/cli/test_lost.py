@@ -67,6 +67,18 @@ class Lost(Case):
             for p, want in (("a", 2 * math.pi * 0.006), ("b", 2 * math.pi * 0.306 * 0.01)):
                 self.assertLess(abs(j["gradient"][p] - want), 4 * j["stderr"][p], (p, samples))
 
+    def test_steps_of_rounding(self):
+        """g rises in steps, or places lie so far apart, that what decides stays where it is until r has gone far: no jump that nothing moves."""
+        bodies = {"offset": ("-1.0, 1.0", "float u = length(x) + 1e4, v = r + 1e4; [Disc] if (u * u < v * v) return 1.0; return 0.0;"),
+                  "eight values": ("-1.0, 1.0", "[Disc] if (cos(1e-3 * length(x)) > cos(1e-3 * r)) return 1.0; return 0.0;"),
+                  "far": ("9999999.0, 10000001.0", "[Disc] if (length(x - 1e7) < r) return 1.0; return 0.0;")}
+        for name, (domain, body) in bodies.items():
+            with self.subTest(name):
+                self.put("s.salt", "param float r = 0.4;\n[Domain(%s)] shader float main(float2 x) { %s }" % (domain, body))
+                j = self.grad("--estimator", "lattice", "--precision", "f32", "--samples", 65536)
+                self.assertIn("dropped", [w["code"] for w in j["warnings"]])
+                self.assertGreater(j["stderr"]["r"], 1)
+
     def test_stands_beside_what_moves(self):
         """A loss and an image's gradient: the edge of a disc in steps."""
         self.put("s.salt", HEAD % (0.3, "-1.0, 1.0", "float2 x", "float k = floor(4.0 * x.x); [Disc] if (length(x) - 0.02 * k < a) f = 1.0;"))
