@@ -62,6 +62,37 @@ static double sure(double g, double error) {
     return least > 0 ? least : 1e-6 * fabs(g);
 }
 
+/* The weighted sum of the channels' gradients. */
+static void weigh(const Check *k, const double *g, double *total) {
+    uint32_t nf = slt_float_count(k->p), ch = slt_channels(k->p);
+    for (uint32_t i = 0; i < nf; i++)
+        for (uint32_t q = 0; q < ch; q++) total[i] += k->weight[q] * g[(size_t)q * nf + i];
+}
+
+/* Which way is up: a derivative that thousands of components cancel from tells nothing beside their noise, so the
+ * random direction goes up the slope. Which way that is is asked of other samples than those of the gradient, whose own
+ * noise would else choose what is added up; fewer will do. Cells have no noise. */
+static SltStatus find_up(Check *k, const double *g) {
+    enum { FEWER = 4 };
+    uint32_t nf = slt_float_count(k->p);
+    k->up = calloc(nf + 1, sizeof *k->up);
+    if (!k->up) return status_fail(&k->err, SLT_LIMIT, "out of memory");
+    if (k->stats.cells) {
+        memcpy(k->up, g, nf * sizeof *g);
+        return SLT_OK;
+    }
+    double *other = calloc((size_t)slt_channels(k->p) * nf + 1, sizeof *other);
+    if (!other) return status_fail(&k->err, SLT_LIMIT, "out of memory");
+    SltIntegral out = {.struct_size = sizeof out, .gradient = other};
+    SltJob j = k->c->job;
+    SltStats ignored = SLT_STATS_INIT;
+    j.seed += 104729, j.samples = j.samples / FEWER + 1, j.replicates = AD_FEWEST;
+    SltStatus s = slt_grad_integral(k->p, &j, &out, &ignored, &k->err);
+    if (s == SLT_OK) weigh(k, other, k->up);
+    free(other);
+    return s;
+}
+
 /* Makes the rows: every component of small parameters, the largest of long ones and one random direction through the
  * rest. */
 static SltStatus choose_rows(Check *k, const double *g, const double *error, const double *base) {
@@ -92,12 +123,15 @@ static SltStatus choose_rows(Check *k, const double *g, const double *error, con
             report_component_name(k->p, best, name, sizeof name);
             add_row(k, name, best, NULL, base);
         }
+        SltStatus s = k->up ? SLT_OK : find_up(k, g);
+        if (s != SLT_OK) return s;
         double *dir = calloc(nf + 1, sizeof *dir), scale = 0;
         if (!dir) return status_fail(&k->err, SLT_LIMIT, "out of memory");
         uint32_t state = 12345u + i;
         for (uint32_t f = q->fbase; f < q->fbase + q->fcount; f++) {
             state = state * 1664525u + 1013904223u;
             if (mask[f]) dir[f] = (double)(state >> 8) / 8388608.0 - 1.0;
+            if (k->up[f] != 0) dir[f] = copysign(dir[f], k->up[f]);
             scale = fabs(base[f]) > scale ? fabs(base[f]) : scale;
         }
         snprintf(name, sizeof name, "%s (random direction of %u)", q->name, active);
@@ -282,6 +316,35 @@ static void print_rows(const Check *k, bool all_pass, const SltPlace *at, const 
     print_summary(k, all_pass, at, other);
 }
 
+/* Along a direction the errors of components are not independent: a crossing moves several at once, and up the slope
+ * all the same way. So the derivative is asked again, in parts of other samples. Cells have no noise. */
+static SltStatus spread_along(Check *k) {
+    enum { PARTS = 8 };
+    double mean[MAX_ROWS] = {0}, squares[MAX_ROWS] = {0};
+    size_t size = (size_t)slt_channels(k->p) * slt_float_count(k->p) + 1;
+    bool any = false;
+    for (uint32_t i = 0; i < k->n; i++) any |= k->rows[i].dir != NULL;
+    if (!any || k->stats.cells) return SLT_OK;
+    double *part = calloc(size, sizeof *part);
+    SltStatus s = part ? SLT_OK : status_fail(&k->err, SLT_LIMIT, "out of memory");
+    SltIntegral out = {.struct_size = sizeof out, .gradient = part};
+    SltStats ignored = SLT_STATS_INIT;
+    SltJob j = k->c->job;
+    j.samples = j.samples / PARTS + 1, j.replicates = j.replicates > PARTS ? j.replicates / PARTS : 1;
+    for (uint32_t r = 0; r < PARTS && s == SLT_OK; r++) {
+        j.seed += 7919, memset(part, 0, size * sizeof *part);
+        s = slt_grad_integral(k->p, &j, &out, &ignored, &k->err);
+        for (uint32_t i = 0; i < k->n && s == SLT_OK; i++) {
+            double v = along(k, &k->rows[i], part, false), step = v - mean[i];
+            mean[i] += step / (r + 1), squares[i] += step * (v - mean[i]);
+        }
+    }
+    for (uint32_t i = 0; i < k->n && s == SLT_OK; i++)
+        if (k->rows[i].dir) k->rows[i].ad_se = fmax(k->rows[i].ad_se, sqrt(squares[i] / ((PARTS - 1) * PARTS)));
+    free(part);
+    return s;
+}
+
 static int check(Check *k) {
     Cli *c = k->c;
     c->job.integral = true;
@@ -289,13 +352,14 @@ static int check(Check *k) {
     if (status != SLT_OK) return status;
     uint32_t nf = slt_float_count(k->p), ch = slt_channels(k->p);
     size_t size = (size_t)ch * nf + 1;
-    double *g = cli_need(calloc(2 * size, sizeof *g)), *base = cli_need(malloc((nf + 1) * sizeof *base)),
+    double *g = cli_need(calloc(3 * size, sizeof *g)), *base = cli_need(malloc((nf + 1) * sizeof *base)),
            *total = cli_need(calloc(nf + 1, sizeof *total)), *error = cli_need(calloc(nf + 1, sizeof *error));
     k->rows = cli_need(calloc(MAX_ROWS, sizeof *k->rows));
     k->moved = cli_need(malloc((nf + 1) * sizeof *k->moved));
     memcpy(base, slt_floats(k->p), nf * sizeof *base);
     memcpy(k->weight, weights, sizeof k->weight);
-    SltIntegral out = {.struct_size = sizeof out, .gradient = g, .gradient_stderr = g + size};
+    SltIntegral out = {
+        .struct_size = sizeof out, .gradient = g, .gradient_stderr = g + size, .missed_estimate = g + 2 * size};
     c->job.replicates = AD_REPLICATES;
     while (c->job.replicates > AD_FEWEST && c->job.replicates * size > AD_NUMBERS) c->job.replicates /= 2;
     Progress pr;
@@ -305,16 +369,15 @@ static int check(Check *k) {
     if (s == SLT_OK && without)
         s = status_fail(&k->err, SLT_LIMIT,
                         "a check without the boundary would check nothing: --samples N, or [NoDisc] where it costs");
-    for (uint32_t i = 0; i < nf; i++)
-        for (uint32_t q = 0; q < ch; q++) {
-            total[i] += k->weight[q] * g[(size_t)q * nf + i];
-            error[i] += k->weight[q] * g[size + (size_t)q * nf + i];
-        }
+    weigh(k, g, total), weigh(k, g + size, error);
     if (s == SLT_OK) s = choose_rows(k, total, error, base);
     for (uint32_t i = 0; i < k->n && s == SLT_OK; i++) {
         Row *row = &k->rows[i];
         row->ad = along(k, row, g, false), row->ad_se = along(k, row, g + size, true);
+        /* What lines miss of one component they miss of its neighbours too. */
+        if (row->dir) row->ad_se = hypot(row->ad_se, along(k, row, g + 2 * size, false));
     }
+    if (s == SLT_OK) s = spread_along(k);
     double largest = 0;
     if (s == SLT_OK) s = take_differences(k, base, &pr, &largest);
     progress_end(&pr);
@@ -357,6 +420,7 @@ int verb_check(Cli *c) {
     for (uint32_t i = 0; i < k.n; i++) free(k.rows[i].dir);
     free(k.rows);
     free(k.moved);
+    free(k.up);
     slt_program_free(k.p);
     return status;
 }

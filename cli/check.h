@@ -32,12 +32,14 @@ typedef struct Check {
     uint32_t n;
     double weight[4];
     double *moved;            /* [nfloats]: parameters near the program's own */
+    double *up;               /* [nfloats]: which way the weighted sum grows; NULL: nobody asked */
     bool cells;               /* values come from cells */
     bool lines;               /* and no more: those state too much */
     Value centre[REPLICATES]; /* at the program's own parameters: the same for all rows */
     SltStats stats;
     SltError err;
     uint64_t samples;
+    double each; /* seconds of processor time of a value with these */
 } Check;
 
 /* As many samples a value as fit the budget, and L at the program's own parameters with these. */

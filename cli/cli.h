@@ -180,6 +180,11 @@ void *cli_need(void *p);
 int cli_unknown_format(const Cli *c); /* prints that -o has no known extension, returns SLT_USAGE */
 /* Completes the job's sizes for this program (dimension, defaults), and checks them. */
 int cli_prepare_job(Cli *c, SltProgram *p);
+/* The size of an image, or of a volume. */
+SltStatus cli_size_of_image(const char *path, bool volume, uint32_t size[3], SltError *err);
+/* params_size.c: are there textures and the like that `values`, the text of --params, give another size? Then a program
+ * compiled again has it. */
+bool cli_params_resize(Cli *c, const SltProgram *p, const char *values);
 /* Reads a target or adjoint image at the job's size with the program's channels; malloc'd. */
 int cli_read_image(Cli *c, SltProgram *p, const char *path, bool resize, float **out);
 double cli_now(void); /* seconds, monotonic */

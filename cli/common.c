@@ -337,6 +337,10 @@ int cli_compile(Cli *c, SltProgram **out) {
     if (c->params_file) file_read_all(c->params_file, &file_text, &values, &size, &read);
     *out = NULL;
     SltStatus status = compile(c, (const char *)values, out);
+    if (status == SLT_OK && values && cli_params_resize(c, *out, (const char *)values)) {
+        slt_program_free(*out);
+        status = compile(c, (const char *)values, out);
+    }
     SltProgram *p = *out;
     if (c->verb->bit == RENDER) cli_forget_derivatives(p);
     bool told = slt_diagnostic_count(p) > 0;
@@ -383,6 +387,17 @@ int cli_prepare_job(Cli *c, SltProgram *p) {
         return cli_error(SLT_LIMIT, "an image of %ux%ux%u with %u channels is larger than the limit of 2^28 values",
                          c->job.size[0], c->job.size[1], c->job.size[2], slt_channels(p));
     }
+    return SLT_OK;
+}
+
+SltStatus cli_size_of_image(const char *path, bool volume, uint32_t size[3], SltError *err) {
+    Image im;
+    int depth = 1;
+    SltStatus status = volume ? volume_read(path, NULL, &im, &depth, err) : image_read(path, NULL, &im, err);
+    if (status != SLT_OK) return status;
+    size[0] = (uint32_t)im.width, size[1] = (uint32_t)(im.height / depth);
+    if (volume) size[2] = (uint32_t)depth;
+    image_free(&im);
     return SLT_OK;
 }
 

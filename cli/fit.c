@@ -19,6 +19,23 @@ static int fail_scene(Fit *f, SltError *err) {
     return cli_fail(f->c, err);
 }
 
+/* "grad": false of a part of a parameter: an element, a field, a field of all elements. */
+static SltStatus leave_parts_out(Fit *f, SltError *err) {
+    const char *names[CLI_MAX_LIST];
+    uint32_t n = 0;
+    for (uint32_t k = 0; k < f->scene.nparams; k++) {
+        bool part = f->scene.params[k].grad == 0;
+        for (uint32_t i = 0; i < slt_param_count(f->p) && part; i++)
+            part = strcmp(f->p->prog->params[i].name, f->scene.params[k].name) != 0;
+        if (part && n < CLI_MAX_LIST) names[n++] = f->scene.params[k].name;
+    }
+    SltStatus status = n ? api_enter_to_set(f->p, err) : SLT_OK;
+    if (!n || status != SLT_OK) return status;
+    status = api_wrt_without(f->p, names, n, err);
+    api_release(f->p);
+    return status;
+}
+
 /* Where a parameter has "grad": true, those that have it are optimised; else all but those with false. The command line
  * wins. */
 SltStatus fit_choose_wrt(Fit *f, SltError *err) {
@@ -36,7 +53,8 @@ SltStatus fit_choose_wrt(Fit *f, SltError *err) {
         for (uint32_t k = 0; k < s->nparams; k++) off |= s->params[k].grad == 0 && !strcmp(s->params[k].name, q.name);
         if (!off && nnames < CLI_MAX_LIST) names[nnames++] = q.name;
     }
-    return s->nparams && nnames ? slt_wrt(f->p, names, nnames, err) : SLT_OK;
+    SltStatus status = s->nparams && nnames ? slt_wrt(f->p, names, nnames, err) : SLT_OK;
+    return status == SLT_OK ? leave_parts_out(f, err) : status;
 }
 
 static int apply_scene_params(Fit *f) {
@@ -44,10 +62,10 @@ static int apply_scene_params(Fit *f) {
     for (uint32_t k = 0; k < f->scene.nparams; k++) {
         FitParam *q = &f->scene.params[k];
         SltParam found = SLT_PARAM_INIT;
-        bool many = strstr(q->name, "[*]") != NULL; /* a pattern has rates only */
+        bool many = strstr(q->name, "[*]") != NULL; /* a pattern has no value */
         if (!many && slt_param_find(f->p, q->name, &found, &err) != SLT_OK) return fail_scene(f, &err);
-        if (many && (q->value || q->file || q->mask || q->faces || q->smooth >= 0 || q->grad == 0))
-            return cli_error(SLT_INPUT, "params: `%s` is many parameters: of these \"lr\" and \"grad\": true", q->name);
+        if (many && (q->value || q->file || q->mask || q->faces || q->smooth >= 0))
+            return cli_error(SLT_INPUT, "params: `%s` is many parameters: of these \"lr\" and \"grad\"", q->name);
         bool set = !on_command_line(f->c, q->name);
         if (set && q->value && slt_set_text(f->p, q->name, q->value, &err) != SLT_OK) return fail_scene(f, &err);
         if (set && q->file) {
@@ -146,6 +164,7 @@ static bool iterated(void *user, const SltFitIteration *at) {
     uint32_t iters = f->c->iters;
     f->done = at->iteration;
     for (uint32_t i = 0; f->slopes && i < at->count; i++) f->slopes[at->index[i]] += fabs(at->gradient[i]);
+    for (uint32_t i = 0; !f->moves && i < at->count; i++) f->moves = at->gradient[i] != 0;
     char detail[96];
     snprintf(detail, sizeof detail, "iteration %u of %u, loss %.6g", at->iteration, iters, at->loss);
     progress_update(&f->progress, (double)at->iteration / iters, detail);
@@ -283,6 +302,11 @@ static int run(Fit *f) {
     if (c->first_seed) return status;
     if (!has_outcome(f, status)) return status;
     if (!c->quiet) cli_tell(c, f->p);
+    if (!c->quiet && !f->moves && f->result.initial_loss != 0)
+        cli_say(
+            CLI_WARNING, "still", NULL,
+            "nothing moved: the loss has no derivative in anything that is optimised. None of it reaches the picture "
+            "where the fit begins (outside, hidden, turned inside out), or what decides has no [Disc]");
     report_dropped(c, &f->stats);
     int written = fit_write_outputs(f);
     if (written == SLT_OK) written = status;

@@ -80,6 +80,7 @@ typedef struct Fit {
     double start;
     uint32_t round, first; /* rounds that are done, and the iterations that they had */
     uint32_t *round_ends;  /* [round]: evaluations up to the end of each */
+    bool moves;            /* some derivative was not 0 */
     double *slopes;        /* [floats]: of |dL/dp|, the sum and then the mean over a round; NULL: there are no rounds */
     char *kept;            /* the parameters before the last program changed them; NULL: none has */
     SltFitResult result;   /* of all rounds; `loss` of the last */

@@ -8,16 +8,7 @@
 SltStatus fit_size_of_target(const Fit *f, uint32_t size[3], SltError *err) {
     const char *path = f->c->target;
     for (uint32_t v = 0; v < f->scene.nviews && !path; v++) path = f->scene.views[v].target_path;
-    Image im;
-    int depth = 1;
-    if (!path) return SLT_OK;
-    bool volume = f->p && slt_dim(f->p) == 3;
-    SltStatus status = volume ? volume_read(path, NULL, &im, &depth, err) : image_read(path, NULL, &im, err);
-    if (status != SLT_OK) return status;
-    size[0] = (uint32_t)im.width, size[1] = (uint32_t)(im.height / depth);
-    if (volume) size[2] = (uint32_t)depth;
-    image_free(&im);
-    return SLT_OK;
+    return path ? cli_size_of_image(path, f->p && slt_dim(f->p) == 3, size, err) : SLT_OK;
 }
 
 /* What --loss, --loss-entry, --loss-command and --minimize ask for is one loss. */

@@ -180,6 +180,7 @@ int fit_write_outputs(Fit *f) {
             fputs(i ? ", " : "", stdout), json_number(stdout, f->result.losses[i]);
         printf("], \"iterations\": %u, \"seconds\": ", f->result.iterations);
         json_number(stdout, cli_now() - f->start);
+        printf(", \"evaluations\": %llu", (unsigned long long)f->stats.evaluations);
         if (f->scene.nrounds) printf(", \"rounds\": %u", f->round + 1);
         printf(", \"stopped\": \"%s\", \"params\": %s, \"outputs\": [", stop_names[f->result.stop], json);
         if (f->c->output) json_text(stdout, f->c->output);

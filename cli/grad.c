@@ -364,6 +364,18 @@ static int grad_images(Cli *c, SltProgram *p) {
     return status;
 }
 
+/* Without --size the target decides, or the image of adjoints. */
+static int take_size(Cli *c, const SltProgram *p) {
+    SltError err = {0};
+    if (c->size_given) return SLT_OK;
+    uint32_t size[3] = {1, 1, 1};
+    if (cli_size_of_image(c->target ? c->target : c->adjoint, slt_dim(p) == 3, size, &err) != SLT_OK)
+        return cli_fail(c, &err);
+    memcpy(c->job.size, size, sizeof size);
+    c->size_given = true;
+    return SLT_OK;
+}
+
 int verb_grad(Cli *c) {
     SltProgram *p;
     int status = cli_compile(c, &p);
@@ -372,6 +384,7 @@ int verb_grad(Cli *c) {
         status = cli_usage(c, "--integral has no image to compare with");
     bool image = c->output && !c->target && !c->adjoint && !c->job.integral;
     if (!image && !c->target && !c->adjoint) c->job.integral = true;
+    if (status == SLT_OK && !image && !c->job.integral) status = take_size(c, p);
     if (status == SLT_OK) status = cli_prepare_job(c, p);
     if (status == SLT_OK) status = image ? grad_images(c, p) : c->job.integral ? grad_integral(c, p) : grad_loss(c, p);
     slt_program_free(p);

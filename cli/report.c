@@ -6,6 +6,7 @@
 #include "bindings/c/api.h"
 #include "cli/cli.h"
 #include "bindings/c/shape.h"
+#include "runtime/base/threads.h"
 
 const char *report_channel(uint32_t channels, uint32_t c) {
     static const char *const rgba[] = {"R", "G", "B", "A"};
@@ -25,6 +26,70 @@ static void leaf(void *user, FILE *out, TypeKind kind, uint32_t index) {
         json_number(out, v->data[(size_t)c * v->nfloats + index]);
     }
     json_put(out, ']');
+}
+
+/* A long array: threads write parts of it into memory, which go out in order. */
+enum { PART = 1 << 14 }; /* numbers, about */
+typedef struct LongArray {
+    FILE *out;
+    const Type *elem;
+    const ShapeValues *values;
+    ShapeCursor first, each; /* where the array begins, and what an element takes */
+    uint32_t n, part, done;  /* elements: all, of a part, and written */
+    struct {
+        FILE *text;
+        char *bytes;
+        size_t size;
+    } *worker;
+} LongArray;
+
+static void write_elements(FILE *out, const LongArray *a, uint32_t from, uint32_t to) {
+    ShapeCursor at = {a->first.f + from * a->each.f, a->first.i + from * a->each.i};
+    for (uint32_t k = from; k < to; k++) {
+        if (k) json_comma(out);
+        shape_write(out, a->elem, &at, true, leaf, (void *)a->values);
+    }
+}
+
+static bool write_part(void *user, uint32_t worker, uint64_t part) {
+    LongArray *a = user;
+    FILE **text = &a->worker[worker].text;
+    uint32_t from = (uint32_t)part * a->part, to = a->n - from < a->part ? a->n : from + a->part;
+    if (!*text) *text = open_memstream(&a->worker[worker].bytes, &a->worker[worker].size);
+    if (!*text) return false;
+    rewind(*text);
+    write_elements(*text, a, from, to);
+    return !fflush(*text);
+}
+
+static void put_part(void *user, uint32_t worker, uint64_t part) {
+    LongArray *a = user;
+    (void)part;
+    fwrite(a->worker[worker].bytes, 1, a->worker[worker].size, a->out);
+    a->done = a->n - a->done < a->part ? a->n : a->done + a->part;
+}
+
+static void write_array(FILE *out, const Cli *c, const ParamRef *ref, const ShapeValues *v) {
+    const uint32_t n = ref->type->n, floats = ref->fcount / n * v->channels;
+    LongArray a = {.out = out,
+                   .elem = ref->type->elem,
+                   .values = v,
+                   .first = {ref->fbase, ref->ibase},
+                   .each = {ref->fcount / n, ref->icount / n},
+                   .n = n,
+                   .part = floats < PART ? PART / floats : 1};
+    uint64_t parts = (n + (uint64_t)a.part - 1) / a.part;
+    PoolOptions pool = {.threads = pool_threads(c->job.threads, parts)};
+    a.worker = calloc(pool.threads, sizeof *a.worker);
+    json_put(out, '[');
+    if (a.worker) pool_run(&pool, parts, write_part, put_part, &a, NULL);
+    write_elements(out, &a, a.done, n); /* where memory ran out */
+    json_put(out, ']');
+    for (uint32_t i = 0; i < pool.threads && a.worker; i++) {
+        if (a.worker[i].text) fclose(a.worker[i].text);
+        free(a.worker[i].bytes);
+    }
+    free(a.worker);
 }
 
 void report_gradient_json(FILE *out, const Cli *c, const SltProgram *p, const ShapeValues *v) {
@@ -49,7 +114,9 @@ void report_gradient_json(FILE *out, const Cli *c, const SltProgram *p, const Sh
         fputs(": ", out);
         bool whole = !strcmp(name, ref.param->name);
         ShapeCursor at = {ref.fbase, ref.ibase};
+        bool array = ref.type->kind == T_ARRAY;
         if (whole && param_is_image(ref.param)) shape_write_texels(out, ref.param, leaf, (void *)v);
+        else if (array && (uint64_t)ref.fcount * v->channels > PART) write_array(out, c, &ref, v);
         else shape_write(out, ref.type, &at, true, leaf, (void *)v);
     }
     fputc('}', out);

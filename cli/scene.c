@@ -447,6 +447,10 @@ static int read_root(Reader *r, json_t *root) {
     json_t *minimize = json_object_get(root, "minimize");
     if (minimize && !json_is_boolean(minimize)) return bad(r, "minimize", "true or false is wanted");
     if (json_is_true(minimize)) r->c->minimize = true;
+    /* Views that all name their own entry leave nothing to choose. */
+    bool all = r->s->nviews > 0;
+    for (uint32_t v = 0; v < r->s->nviews; v++) all &= r->s->views[v].entry != NULL;
+    if (!r->s->entry && all) r->s->entry = r->s->views[0].entry;
     if (!r->c->opt.entry) r->c->opt.entry = r->s->entry;
     if (!r->c->output) r->c->output = r->s->output;
     return SLT_OK;

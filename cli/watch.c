@@ -127,8 +127,10 @@ static void *watch(void *arg) {
 
 void watch_begin(Cli *c) {
     if (c->opt.sandbox) {
+#ifndef SALTUS_SANITIZE /* which keep books of terabytes */
         const struct rlimit memory = {SANDBOX_BYTES, SANDBOX_BYTES};
         setrlimit(RLIMIT_DATA, &memory);
+#endif
         if (c->max_seconds <= 0) c->max_seconds = SANDBOX_SECONDS;
     }
     watched.start = cli_now(), watched.limit = c->max_seconds;

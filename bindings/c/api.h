@@ -59,6 +59,7 @@ struct SltProgram {
     uint8_t *edge_upsets; /* as edge_kind; NULL: no seam does */
     uint32_t *edge_line;  /* likewise: of the source */
     uint8_t *edge_bends;  /* by edge: see SltScene */
+    int8_t *edge_argmin;  /* likewise; NULL: none is */
     uint8_t *edge_kind;   /* by edge; NULL until a kernel that knows edges was asked for */
     uint32_t nedges;
     bool flat, told, chunked;       /* see SltScene */
@@ -152,6 +153,8 @@ SltStatus api_find(const SltProgram *p, const char *name, SltStatus wrong, const
                    SltError *err);
 SltStatus api_find_pattern(const SltProgram *p, const char *name, const char *what, ParamPattern *out, SltError *err);
 SltStatus api_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError *err); /* slt_wrt, program entered */
+/* Leaves out what the names stand for, of what is differentiated; program entered. */
+SltStatus api_wrt_without(SltProgram *p, const char *const *names, uint32_t n, SltError *err);
 
 /* ---- values_read.c */
 SltStatus api_set_text(SltProgram *p, const char *name, const char *value, SltError *err); /* slt_set_text, entered */

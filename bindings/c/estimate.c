@@ -4,6 +4,7 @@
 
 #include "bindings/c/api.h"
 #include "bindings/c/place.h"
+#include "compiler/pass/walk.h"
 
 static bool by_cells(const SltJob *j) { return j->estimator == SLT_EST_QUADRATURE || j->estimator == SLT_EST_AUTO; }
 
@@ -186,12 +187,17 @@ SltStatus slt_grad_loss(SltProgram *p, const SltJob *job, const float *target, c
     return api_call_end(&c, s);
 }
 
-/* Small things that no line has met: bounds find them, and are compiled for nothing else. */
-static SltStatus add_unmet(ApiCall *c, SltIntegral *out) {
+/* What lines have stepped over, and small things that no line has met: bounds find them. They are compiled for nothing
+ * else, where that is no matter, or a site has no crossing at all. */
+static SltStatus add_hidden(ApiCall *c, SltIntegral *out) {
+    enum { SMALL = 1000 };
     static const bool bounds[K_KINDS] = {[K_BOUNDS] = true};
-    if (c->job.no_boundary || !out->gradient_stderr || !slt_estimate_has_unmet(&c->p->scene)) return SLT_OK;
+    const SltScene *scene = &c->p->scene;
+    if (c->job.no_boundary || !out->gradient_stderr || !slt_estimate_by_lines(scene)) return SLT_OK;
+    if (!slt_estimate_has_unmet(scene) && !scene->kernel[SLT_K_BOUNDS] && walk_fn_size(c->p->prog->primal) > SMALL)
+        return SLT_OK;
     SltStatus s = api_call_kernels(c, bounds);
-    return s == SLT_OK ? slt_estimate_unmet(&c->p->scene, &c->job, out, c->stats, c->err) : s;
+    return s == SLT_OK ? slt_estimate_hidden(scene, &c->job, out, c->stats, c->err) : s;
 }
 
 SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
@@ -202,10 +208,11 @@ SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, 
     if (s == SLT_OK) note_ulps(&c, true);
     uint64_t before = counted(&c);
     uint8_t *met = s == SLT_OK ? calloc(p->scene.nsites + 1, 1) : NULL;
-    p->scene.met = met; /* without memory nobody asks */
+    double followed = 0;
+    p->scene.met = met, p->scene.followed = &followed; /* without memory nobody asks */
     if (s == SLT_OK) s = slt_estimate_integral(&p->scene, &c.job, &wanted, c.stats, err);
-    if (s == SLT_OK) s = add_unmet(&c, &wanted);
-    p->scene.met = NULL;
+    if (s == SLT_OK) s = add_hidden(&c, &wanted);
+    p->scene.met = NULL, p->scene.followed = NULL;
     free(met);
     bool derives = wanted.gradient || wanted.gradient_stderr;
     if (s == SLT_OK && derives) s = api_steep(&c, &wanted, spent(&c, before));

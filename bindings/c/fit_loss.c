@@ -122,10 +122,12 @@ SltStatus fit_evaluate(SltFit *f, double *loss, SltError *err) {
         job.seed += v;
         if (!f->drawn[v]) continue;
         fit_use_view(f, view, &job);
+        view->p->scene.frugal = !optimise_wants_same_loss(f->method);
         if (fit_wants_adjoint(f)) status = adjoint_loss(f, &job, v, &one, err);
         else
             status = slt_grad_loss(view->p, &job, view->target, view->mask, &one, f->all, NULL,
                                    v == 0 ? f->image : NULL, f->opt.stats, err);
+        view->p->scene.frugal = false;
         if (status != SLT_OK) break;
         if (isfinite(one)) f->latest[v] = one;
         *loss += one / each;

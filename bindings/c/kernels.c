@@ -84,6 +84,7 @@ static void fill_scene(SltProgram *p) {
     s->site_ties = p->site_ties, s->twins = p->twins, s->ntwins = p->ntwins;
     s->nedges = p->nedges, s->edge_kind = p->edge_kind, s->flat = p->flat, s->told = p->told, s->chunked = p->chunked;
     s->edge_upsets = p->edge_upsets, s->edge_bends = p->edge_bends, s->edge_line = p->edge_line;
+    s->edge_argmin = p->edge_argmin;
     s->still = !p->passes.untracked;
     s->follow = p->opt.near_miss < 0 ? 1 : p->opt.near_miss > 0 ? 2 : 0;
     s->uses_rand = g->uses_rand;
@@ -152,6 +153,10 @@ static void edge_table(SltProgram *p, const KernelSet *set) {
     for (uint32_t e = 0; e < set->nedges; e++) {
         p->edge_kind[e] = (uint8_t)set->edges[e].kind;
         p->edge_bends[e] = e >= p->prog->primal->nsites && !set->edges[e].jumps;
+        if (set->edges[e].argmin && set->edges[e].kind == SITE_COMPARE) {
+            if (!p->edge_argmin) p->edge_argmin = ARENA_ARRAY(&p->session->module, int8_t, set->nedges + 1);
+            p->edge_argmin[e] = set->edges[e].argmin;
+        }
         if (!set->edges[e].upsets) continue;
         if (!p->edge_upsets) {
             p->edge_upsets = ARENA_ARRAY(&p->session->module, uint8_t, set->nedges + 1);

@@ -180,6 +180,23 @@ SltStatus api_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError 
     return SLT_OK;
 }
 
+SltStatus api_wrt_without(SltProgram *p, const char *const *names, uint32_t n, SltError *err) {
+    uint8_t *off = calloc(p->prog->nfloats + 1, 1);
+    if (!off) return status_fail(err, SLT_LIMIT, "out of memory");
+    SltStatus status = SLT_OK;
+    for (uint32_t i = 0; i < n && status == SLT_OK; i++) {
+        ParamPattern q;
+        status = api_find_pattern(p, names[i], NULL, &q, err);
+        if (status == SLT_OK) program_mark(&q, off);
+    }
+    bool changed = false;
+    for (uint32_t i = 0; i < p->prog->nfloats && status == SLT_OK; i++)
+        if (off[i]) changed |= p->wrt[i], p->wrt[i] = 0;
+    if (changed) api_forget_gradients(p);
+    free(off);
+    return status;
+}
+
 SltStatus slt_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError *err) {
     SltStatus status = api_enter_to_set(p, err);
     if (status != SLT_OK) return status;

@@ -1,4 +1,5 @@
 /* Parameter values from JSON and from text. */
+#include <ctype.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -217,6 +218,23 @@ SltStatus slt_set_params_json(SltProgram *p, const char *text, const char *shown
     return status;
 }
 
+/* What is typed on a command line, as JSON: also lists without brackets, and .5 and 1., which are no numbers there. */
+static json_t *read_typed(const char *value, json_error_t *e) {
+    json_t *j = json_read(value, strlen(value), JSON_DECODE_ANY, e);
+    char text[1024], *at = text;
+    if (j || !strpbrk(value, ",.") || 3 * strlen(value) + 2 > sizeof text) return j;
+    bool list = value[0] != '[' && value[0] != '{' && strchr(value, ',');
+    if (list) *at++ = '[';
+    for (const char *c = value; *c; c++) {
+        bool dot = *c == '.';
+        if (dot && (c == value || !isdigit((unsigned char)c[-1]))) *at++ = '0';
+        *at++ = *c;
+        if (dot && !isdigit((unsigned char)c[1])) *at++ = '0';
+    }
+    if (list) *at++ = ']';
+    return json_read(text, (size_t)(at - text), JSON_DECODE_ANY, e);
+}
+
 SltStatus api_set_text(SltProgram *p, const char *name, const char *value, SltError *err) {
     ParamRef ref;
     SltStatus status = api_find(p, name, SLT_USAGE, NULL, &ref, err);
@@ -229,11 +247,8 @@ SltStatus api_set_text(SltProgram *p, const char *name, const char *value, SltEr
         else status = values_read_file(&s, ref.param, value + 1);
     } else if (status == SLT_OK) {
         json_error_t e;
-        json_t *j = json_read(value, strlen(value), JSON_DECODE_ANY, &e);
-        char listed[256];
-        if (!j && strchr(value, ',') && snprintf(listed, sizeof listed, "[%s]", value) < (int)sizeof listed)
-            j = json_read(listed, strlen(listed), JSON_DECODE_ANY, &e);
-        if (!j) { /* 1., .5, inf are no JSON */
+        json_t *j = read_typed(value, &e);
+        if (!j) { /* inf and nan are no JSON */
             const char *end;
             double v = decimal_read(value, &end);
             if (end != value && !*end) j = isfinite(v) ? json_real(v) : NULL;

@@ -143,6 +143,7 @@ typedef struct SiteInfo {
     bool by_auto;     /* no [Disc] stands there: --disc auto */
     bool still;       /* untagged, and does not move: opt_masks.c; where bounds hold it is a seam like others */
     bool jumps;       /* of a seam: more than a bend */
+    int8_t argmin;    /* in a seamed Fn: the sign of g with which an iteration takes over; 0: variant_argmin.c */
     SeamUpset upsets; /* likewise */
     const char *text; /* short source text for explain: "d < 0.0" */
 } SiteInfo;

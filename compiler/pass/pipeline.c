@@ -33,8 +33,9 @@ void pipeline_primal(PassCtx *ctx, Fn *fn) {
     if (RUN(opt_unroll)) RUN(opt_fold);
     RUN(opt_cse);
     RUN(opt_licm);
-    RUN(opt_bands);
-    RUN(opt_roots); /* before the next two make other shapes of powers and of smoothstep */
+    RUN(opt_levels);                     /* before the next, which makes two sites of what it leaves, */
+    if (RUN(opt_bands)) RUN(opt_levels); /* each of which may be of such a function: |tanh(u)| < 0.5 */
+    RUN(opt_roots);                      /* before the next two make other shapes of powers and of smoothstep */
     RUN(opt_powers);
     RUN(opt_contract); /* these three change floats: no pass does from here on but lower_math */
     RUN(opt_fold);

@@ -23,6 +23,8 @@ uint32_t variant_site_depth(const Block *b);
 void variant_lead_to_events(Fn *fn, const uint8_t *wanted);
 /* variant_given.c: decisions, minima and their kin of a seamed Fn become what the inputs GIVEN0.. say of them. */
 void variant_take_given(Fn *fn);
+/* What a comparison gives where g < 0: `truth`. False: g does not tell. */
+bool variant_truth_below(const Inst *decision, const Inst *g, bool *truth);
 /* A Thread.touches that answers true for sites. */
 bool variant_touches_site(Thread *t, const Inst *i);
 
@@ -88,7 +90,19 @@ Inst *variant_take_difference(Builder *b, const SltChunks *table, Inst *captured
 /* variant_provenance.c: the hash of the outputs' origin, or NULL where the program keeps the path hash. */
 Inst *variant_provenance(PassCtx *ctx, Fn *fn);
 
-/* variant_lists.c: puts a `note` into every loop with a list whose iterations can be left out. */
+/* variant_argmin.c: loops that keep one iteration. */
+typedef struct Argmin {
+    const Inst *loop, *key;
+    int8_t sign; /* of g, with which an iteration takes over */
+    bool least;  /* the key is the least one, not the greatest */
+} Argmin;
+/* Is it by this site of a seamed Fn that the loop around it keeps one? Numbers the Fn. */
+bool variant_argmin(PassCtx *ctx, Fn *fn, const Inst *site, Argmin *found);
+void variant_find_argmins(PassCtx *ctx, Fn *fn); /* sets SiteInfo.argmin */
+
+/* variant_lists.c: which values of a loop's body hang on those marked in old[], by id, of memory or of each other. */
+void variant_find_carried(const Block *body, uint8_t *old);
+/* Puts a `note` into every loop with a list whose iterations can be left out. */
 void variant_note_lists(PassCtx *ctx, Fn *fn);
 
 #endif

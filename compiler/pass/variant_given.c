@@ -29,8 +29,7 @@ static bool is_difference(const Inst *g, const Inst *p, const Inst *q) {
     return g == p && is_zero(q);
 }
 
-/* What a comparison gives where g < 0: `truth`. False: g does not tell. */
-static bool truth_below(const Inst *decision, const Inst *g, bool *truth) {
+bool variant_truth_below(const Inst *decision, const Inst *g, bool *truth) {
     if (decision->op != OP_flt && decision->op != OP_fle) return false;
     *truth = is_difference(g, decision->args[0], decision->args[1]);
     return *truth || is_difference(g, decision->args[1], decision->args[0]);
@@ -90,7 +89,7 @@ static void give(const Giver *s, Inst *site) {
     if (site->nargs + integer > 2 + SLT_GIVEN_K || (!integer && kind != SITE_COMPARE)) return;
     Inst *of = site->args[0], *given, *below, *value, *boundary = NULL;
     bool truth = true, choice = of->op == OP_fmin || of->op == OP_fmax || of->op == OP_fabs || of->op == OP_fatan2;
-    if (site->op == OP_site ? !truth_below(of, site->args[1], &truth) : !choice && !integer) return;
+    if (site->op == OP_site ? !variant_truth_below(of, site->args[1], &truth) : !choice && !integer) return;
     Builder b = ir_before(s->fn, site);
     b.span = site->span;
     find_given(s, &b, site, &given, &below, integer ? &boundary : NULL);

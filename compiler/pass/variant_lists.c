@@ -4,7 +4,10 @@
  * loop)? Does it overwrite all of them with values that do not hang on the old ones? The answers are booleans that this
  * adds to a clone, `note` hands them on, and on a box they are bounded like any other boolean: an iteration matters if
  * it may change something, and hides those before it if it certainly overwrites. Hiding needs that every iteration
- * runs, once. */
+ * runs, once. Of a loop that keeps the iteration with the least key (variant_argmin.c) one matters only if its key may
+ * be the least of all, whatever came before it: a loop ahead finds that. */
+#include <math.h>
+
 #include "compiler/pass/variant.h"
 
 typedef struct Noter {
@@ -17,32 +20,40 @@ typedef struct Noter {
     Inst **changed;    /* by id: the boolean for p, where it is known already */
     Inst **renewed;    /* by id: likewise of the second question */
     uint8_t *old;      /* by id: hangs on what the loop carries */
-    bool settled;      /* `old` is complete */
+    Vec(Argmin) argmins;
 } Noter;
 
 /* ---- which values hang on what the loop carries: forwards, until nothing changes */
 
-static void mark_old(Noter *t, const Inst *i, bool old) {
-    if (old && !t->old[i->id]) t->old[i->id] = 1, t->settled = false;
+static bool mark_old(uint8_t *to, const Inst *i, bool old) {
+    bool news = old && !to[i->id];
+    if (news) to[i->id] = 1;
+    return news;
 }
 
-static void find_old(Noter *t, const Block *b) {
+static bool find_old(const Block *b, uint8_t *to) {
+    bool news = false;
     for (const Inst *i = b->first; i; i = i->next) {
         bool old = i->op == OP_load; /* of memory nothing is known */
-        for (uint32_t r = 0; r < i->nregions; r++) find_old(t, i->region[r]);
+        for (uint32_t r = 0; r < i->nregions; r++) news |= find_old(i->region[r], to);
         if (i->op == OP_loop)
             for (uint32_t c = 0; c < i->nargs; c++)
-                mark_old(t, i->region[0]->params[c + 1],
-                         t->old[i->args[c]->id] || t->old[i->region[0]->last->args[c + 1]->id]);
+                news |= mark_old(to, i->region[0]->params[c + 1],
+                                 to[i->args[c]->id] || to[i->region[0]->last->args[c + 1]->id]);
         if (i->op == OP_proj) {
             const Inst *s = i->args[0];
-            old |= t->old[s->op == OP_if_ ? s->args[0]->id : s->region[0]->last->args[0]->id] != 0;
-            for (uint32_t r = 0; r < s->nregions; r++) old |= t->old[walk_results(s, s->region[r])[i->imm.i]->id] != 0;
+            old |= to[s->op == OP_if_ ? s->args[0]->id : s->region[0]->last->args[0]->id] != 0;
+            for (uint32_t r = 0; r < s->nregions; r++) old |= to[walk_results(s, s->region[r])[i->imm.i]->id] != 0;
         } else {
-            for (uint32_t a = 0; a < i->nargs; a++) old |= t->old[i->args[a]->id] != 0;
+            for (uint32_t a = 0; a < i->nargs; a++) old |= to[i->args[a]->id] != 0;
         }
-        mark_old(t, i, old);
+        news |= mark_old(to, i, old);
     }
+    return news;
+}
+
+void variant_find_carried(const Block *body, uint8_t *old) {
+    while (find_old(body, old)) continue;
 }
 
 /* ---- the two booleans of a value v, as instructions that are visible where v is */
@@ -163,6 +174,63 @@ static Inst *renews(Noter *t, Inst *v) {
     return known(t, t->renewed, v, answer);
 }
 
+/* ---- loops that keep the iteration with the least key */
+enum { KEY_SIZE = 64 }; /* operations that a loop ahead is worth */
+
+static void find_argmins(PassCtx *ctx, Noter *t, const Block *b) {
+    Argmin found;
+    for (const Inst *i = b->first; i; i = i->next) {
+        bool may = variant_is_site(i) && t->fn->sites[i->imm.i].argmin && b->owner->imm.loop.cull;
+        if (may && variant_argmin(ctx, t->fn, i, &found)) vec_push(t->arena, &t->argmins, found);
+        for (uint32_t r = 0; r < i->nregions; r++) find_argmins(ctx, t, i->region[r]);
+    }
+}
+
+/* A loop ahead of another, which iterates as that does, and what it makes of values of the other's body. */
+typedef struct Ahead {
+    Builder b;
+    const Block *body; /* of the other */
+    Inst *k, **made;   /* made: by id */
+    uint32_t most;     /* that may yet be made */
+} Ahead;
+
+/* NULL: it is not made in few operations of numbers alone. */
+static Inst *make_ahead(Ahead *a, Inst *v) {
+    enum { ARGS = 4 };
+    Inst *args[ARGS];
+    if (v == a->body->params[0]) return a->k;
+    if (!walk_inside(v->block, a->body)) return v;
+    if (a->made[v->id]) return a->made[v->id];
+    if (variant_is_site(v)) return make_ahead(a, v->args[0]);
+    if (!walk_is_pure(v) || v->nargs > ARGS || v->nregions || !a->most) return NULL;
+    a->most--;
+    for (uint32_t i = 0; i < v->nargs; i++)
+        if (!(args[i] = make_ahead(a, v->args[i]))) return NULL;
+    return a->made[v->id] = ir_special(&a->b, (Op)v->op, (IrType)v->type, v->nargs, args, v->imm);
+}
+
+/* May this iteration's key be the least one? NULL: that is not asked. */
+static Inst *may_be_kept(Noter *t, Inst *loop) {
+    const Argmin *of = NULL;
+    for (uint32_t i = 0; i < t->argmins.len; i++)
+        if (t->argmins.data[i].loop == loop) of = &t->argmins.data[i];
+    if (!of) return NULL;
+    Builder b = ir_before(t->fn, loop);
+    Inst *none = ir_constf(&b, of->least ? INFINITY : -INFINITY), *own = (Inst *)of->key;
+    Inst *ahead = ir_loop(&b, 1, &none, loop->imm.loop), **params = ahead->region[0]->params;
+    Ahead a = {ir_at_end(t->fn, ahead->region[0]), loop->region[0], params[0], ARENA_ARRAY(t->arena, Inst *, t->n + 1),
+               KEY_SIZE};
+    Inst *on = make_ahead(&a, loop->region[0]->last->args[0]), *key = make_ahead(&a, own);
+    bool known = on && key;
+    if (known) key = ir_emit2(&a.b, of->least ? OP_fmin : OP_fmax, params[1], key);
+    ir_yield(&a.b, 2, (Inst *[]){known ? on : ir_constb(&a.b, false), known ? key : params[1]});
+    if (!known) return NULL; /* nobody asks for the loop: it goes */
+    b = ir_after(t->fn, ahead);
+    Inst *best = ir_proj(&b, ahead, 0);
+    b = ir_before(t->fn, loop->region[0]->last);
+    return of->least ? ir_emit2(&b, OP_fle, own, best) : ir_emit2(&b, OP_fle, best, own);
+}
+
 /* ---- loops */
 
 static void clear_below(Noter *t, const Block *b, Inst **memo) {
@@ -177,10 +245,7 @@ static void note_loop(Noter *t, Inst *loop, bool repeats) {
     uint32_t carried = loop->nargs;
     t->body = body;
     for (uint32_t c = 0; c < carried; c++) t->old[body->params[c + 1]->id] = 1;
-    do {
-        t->settled = true;
-        find_old(t, body);
-    } while (!t->settled);
+    variant_find_carried(body, t->old);
     Inst *args[2] = {t->no, loop->imm.loop.exact && !repeats ? t->yes : t->no};
     for (uint32_t c = 0; c < carried; c++) {
         Inst *next = body->last->args[c + 1];
@@ -194,6 +259,8 @@ static void note_loop(Noter *t, Inst *loop, bool repeats) {
     }
     Builder b = ir_before(t->fn, body->last);
     b.fold = true;
+    Inst *kept = may_be_kept(t, loop);
+    if (kept) args[0] = ir_emit2(&b, OP_band, args[0], kept);
     if (!loop->imm.loop.exact) args[0] = ir_emit2(&b, OP_bor, args[0], ir_emit1(&b, OP_bnot, body->last->args[0]));
     ir_special(&b, OP_note, TY_VOID, 2, args, (Imm){.i = loop->imm.loop.cull_id});
 }
@@ -212,6 +279,7 @@ void variant_note_lists(PassCtx *ctx, Fn *fn) {
     Arena *scratch = &ctx->session->scratch;
     ArenaMark m = arena_mark(scratch);
     Noter t = {.fn = fn, .arena = scratch};
+    find_argmins(ctx, &t, fn->body);
     t.n = ir_number(fn);
     t.changed = ARENA_ARRAY(scratch, Inst *, t.n + 1);
     t.renewed = ARENA_ARRAY(scratch, Inst *, t.n + 1);

@@ -287,5 +287,6 @@ Fn *variant_seams(PassCtx *ctx, const Fn *primal) {
     if (s.sites.len) fn->sites = arena_copy(fn->arena, s.sites.data, sizeof *s.sites.data * s.sites.len);
     fn->nsites = s.sites.len;
     arena_reset(scratch, mark);
+    variant_find_argmins(ctx, fn);
     return fn;
 }

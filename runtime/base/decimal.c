@@ -100,14 +100,17 @@ static uint64_t shortest(uint64_t c, int q, bool closer, int *k) {
 }
 
 static char *put_pair(char *end, unsigned pair) {
-    *--end = (char)('0' + pair % 10);
-    *--end = (char)('0' + pair / 10);
-    return end;
+    static const char pairs[] =
+        "00010203040506070809101112131415161718192021222324252627282930313233343536373839404142434445464748"
+        "49505152535455565758596061626364656667686970717273747576777879808182838485868788899091929394959697"
+        "9899";
+    return memcpy(end - 2, pairs + 2 * pair, 2);
 }
 
 /* The form of %.*g with so many digits, or with all that there are. */
 static size_t layout(char *text, uint64_t d, int k, int precision) {
-    char buffer[24], *end = buffer + sizeof buffer, *digit = end, *out = text;
+    enum { MOST = 20 }; /* digits: as many are copied, whatever their number, where a text has room for them */
+    char buffer[24 + MOST], *end = buffer + sizeof buffer - MOST, *digit = end, *out = text;
     while (d % 10 == 0) d /= 10, k++;
     for (; d >= 100; d /= 100) digit = put_pair(digit, (unsigned)(d % 100));
     if (d >= 10) digit = put_pair(digit, (unsigned)d);
@@ -116,7 +119,7 @@ static size_t layout(char *text, uint64_t d, int k, int precision) {
     if (e < -4 || e >= (n > precision ? n : precision)) {
         *out++ = *digit;
         if (n > 1) *out++ = '.';
-        memcpy(out, digit + 1, (size_t)n - 1);
+        memcpy(out, digit + 1, MOST);
         out += n - 1;
         *out++ = 'e';
         *out++ = e < 0 ? '-' : '+';
@@ -126,7 +129,7 @@ static size_t layout(char *text, uint64_t d, int k, int precision) {
     } else if (e < 0) {
         memcpy(out, "0.000", 5);
         out += 1 - e;
-        memcpy(out, digit, (size_t)n);
+        memcpy(out, digit, MOST);
         out += n;
     } else {
         int whole = e + 1 < n ? e + 1 : n;

@@ -25,18 +25,23 @@ static bool take_corners(Cells *c) {
         const CellEdge *e = curve_of(c, s);
         for (int end = 0; end < 2; end++) {
             double x[3];
+            if (e->quadric.is) continue;
             place(&c->cell[s->cell], e->axis, s->at[end], s->height[end], x);
-            if (!cells_probe_or_tell(c, e, x)) return false;
+            if (!cells_probe(c, e, x)) return false;
         }
     }
     if (!cells_run_probes(c)) return false;
+    const Probe *next = c->probe;
     for (uint32_t i = 0; i < c->nstretch; i++) {
         Stretch *s = &c->stretch[i];
         Cell *cell = &c->cell[s->cell];
         CellEdge *e = &cell->edge[s->edge];
         int base = base_axis(cell, e->axis);
         for (int end = 0; end < 2; end++) {
-            const Probe *p = &c->probe[2 * i + (uint32_t)end];
+            double x[3];
+            Probe own;
+            place(cell, e->axis, s->at[end], s->height[end], x);
+            const Probe *p = tell_or_next(c, e, x, &own, &next);
             s->value[end] = p->g;
             e->corner[i & 1][end] = (Corner){p->g, p->dg[base], p->dg[e->axis]};
         }
@@ -60,18 +65,19 @@ static void note_face(Cells *c, uint32_t i, const Root *r) {
     if (r) e->leaves[i & 1] = r->x[base];
 }
 
-/* Of the two roots the one where the slope has the sign `rises`. */
-static double height_on_quadric(const Quadric *q, int base, int axis, int rises, double s) {
+double cells_height_on_quadric(const CellEdge *e, int base, double s) {
+    const Quadric *q = &e->quadric;
+    const int axis = e->axis;
     double by = s - q->x[base], g = q->g + q->dg[base] * by, slope = q->dg[axis];
     if (q->flat) return q->x[axis] - g / slope;
     g += 0.5 * q->bend[base][base] * by * by, slope += q->bend[base][axis] * by;
-    return q->x[axis] - 2 * g / (slope + rises * sqrt(slope * slope - 2 * q->bend[axis][axis] * g));
+    return q->x[axis] - 2 * g / (slope + e->rises[axis] * sqrt(slope * slope - 2 * q->bend[axis][axis] * g));
 }
 
 /* Where the cubics through the corners are 0. */
 double cells_height_by_corners(const Cell *cell, const CellEdge *e, int base, double s) {
     if (!e->sure[0] || !e->sure[1]) return NAN;
-    if (e->quadric.is) return height_on_quadric(&e->quadric, base, e->axis, e->rises[e->axis], s);
+    if (e->quadric.is) return cells_height_on_quadric(e, base, s);
     double lo = cell->box.lo[base], width = cell->box.hi[base] - lo, t = (s - lo) / width, u = 1 - t, g[2], up[2];
     double ends[2] = {cell->box.lo[e->axis], cell->box.hi[e->axis]};
     for (int face = 0; face < 2; face++) {
@@ -320,14 +326,19 @@ static bool find_meetings(Cells *c, bool *again) {
             const CellEdge *e = curve_of(c, s);
             double x[3];
             place(&c->cell[s->cell], e->axis, cells_round(c, s->x[0]), cells_round(c, s->x[1]), x);
-            if (!cells_probe_or_tell(c, e, x) || !cells_probe_or_tell(c, tested(c, s), x)) return false;
+            if (!ask_unless_told(c, e, x) || !ask_unless_told(c, tested(c, s), x)) return false;
         }
         if (!cells_run_probes(c)) return false;
         uint32_t kept = 0;
+        const Probe *next = c->probe;
         for (uint32_t i = 0; i < n; i++) {
             Stretch *s = &c->stretch[c->active[i]];
             const Box *box = &c->cell[s->cell].box;
-            const Probe *p = &c->probe[2 * i], *q = p + 1;
+            double x[3];
+            Probe own[2];
+            place(&c->cell[s->cell], curve_of(c, s)->axis, cells_round(c, s->x[0]), cells_round(c, s->x[1]), x);
+            const Probe *p = tell_or_next(c, curve_of(c, s), x, &own[0], &next);
+            const Probe *q = tell_or_next(c, tested(c, s), x, &own[1], &next);
             int axis = curve_of(c, s)->axis, base = base_axis(&c->cell[s->cell], axis);
             double det = p->dg[base] * q->dg[axis] - p->dg[axis] * q->dg[base];
             double ds = (p->g * q->dg[axis] - q->g * p->dg[axis]) / det,

@@ -43,11 +43,9 @@ static uint32_t ascending(const Piece *p, uint8_t edge[CELL_EDGES]) {
     return n;
 }
 
-static const Sides *sides_of(const Cells *c, const PieceEdge *e) { return &c->sides[e->sides - 1]; }
-
 /* A place beside the curve of an edge, where it was looked at. */
 static void place_beside(const Cells *c, const Piece *p, const PieceEdge *e, int side, double x[3]) {
-    x[p->base] = e->at, x[p->axis] = sides_of(c, e)->at[side];
+    x[p->base] = e->at, x[p->axis] = cells_sides_of(c, e)->at[side];
 }
 
 /* Do all curves above the middle lie apart, and the sides of one fit those of the next? */
@@ -61,7 +59,8 @@ static bool is_plain(const Cells *c, const Piece *p, const Column *k) {
     for (uint32_t n = ascending(p, edge), i = 1; i < n; i++) {
         const PieceEdge *below = &p->edge[edge[i - 1]], *above = &p->edge[edge[i]];
         if (!(below->middle < above->middle)) return false;
-        if (c->cell[p->cell].common && sides_of(c, below)->hash[1] != sides_of(c, above)->hash[0]) return false;
+        if (c->cell[p->cell].common && cells_sides_of(c, below)->hash[1] != cells_sides_of(c, above)->hash[0])
+            return false;
     }
     return true;
 }
@@ -73,7 +72,7 @@ static bool told_by_neighbour(const Cells *c, const Piece *neighbour, int end, c
     uint32_t n = ascending(neighbour, edge);
     if (n != 1 || p->leaving[end] != (int8_t)edge[0]) return false;
     const PieceEdge *e = &neighbour->edge[edge[0]];
-    r->hash = sides_of(c, e)->hash[!p->up[end]], r->told = true;
+    r->hash = cells_sides_of(c, e)->hash[!p->up[end]], r->told = true;
     place_beside(c, neighbour, e, !p->up[end], r->x);
     return true;
 }
@@ -88,7 +87,7 @@ static bool add_rims_of_pieces(Cells *c, uint32_t from, uint32_t to) {
         uint32_t n = ascending(p, edge);
         if (n) {
             const PieceEdge *top = &p->edge[edge[n - 1]];
-            r.hash = sides_of(c, top)->hash[1], r.told = true;
+            r.hash = cells_sides_of(c, top)->hash[1], r.told = true;
             place_beside(c, p, top, 1, r.x);
         } else if (!(i > from && told_by_neighbour(c, p - 1, 0, p, &r)) &&
                    !(i + 1 < to && told_by_neighbour(c, p + 1, 1, p, &r))) {
@@ -276,13 +275,18 @@ bool cells_borders_agree(const Cells *c, const Piece *p, const Column *from, con
     return fabs(area[CELL_FINE] - area[CELL_COARSE]) <= larger(c->o->tolerance * c->volume, cells_part_noise(c, size));
 }
 
-void cells_emit_borders(Cells *c, const Piece *p, const Column *from, const Column *to) {
+void cells_add_borders(Cells *c, const Piece *p, const double area[CELL_RULES], double size) {
     const PieceEdge *e = &p->edge[p->only];
-    double area[CELL_RULES], size = area_below(c, p, from, to, area), x[3] = {0};
-    if (!(p->present >> p->only & 1) || !e->sides || from == to) return;
+    double x[3] = {0};
     for (int side = 0; side < 2; side++) {
         double sign = side ? -1 : 1;
         place_beside(c, p, e, side, x);
-        cells_add_shape(c, sides_of(c, e)->hash[side], x, sign * area[CELL_FINE], sign * area[CELL_COARSE], size);
+        cells_add_shape(c, cells_sides_of(c, e)->hash[side], x, sign * area[CELL_FINE], sign * area[CELL_COARSE], size);
     }
+}
+
+void cells_emit_borders(Cells *c, const Piece *p, const Column *from, const Column *to) {
+    double area[CELL_RULES], size = area_below(c, p, from, to, area);
+    bool told = p->present >> p->only & 1 && p->edge[p->only].sides && from != to;
+    if (told) cells_add_borders(c, p, area, size);
 }

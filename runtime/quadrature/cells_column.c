@@ -261,48 +261,11 @@ static bool add_columns(Cells *c, uint32_t piece, CellRule rule) {
     return true;
 }
 
-#define STRAIGHT 0x1p-30 /* of the height of a cell: so little a curve departs from its tangent */
-
-/* On the cubic through two roots with their slopes. */
-static double on_cubic(const Piece *p, const Root *a, const Root *b, double at) {
-    double width = b->x[p->base] - a->x[p->base], t = (at - a->x[p->base]) / width, u = 1 - t;
-    double climb[2] = {-a->dg[p->base] / a->dg[p->axis], -b->dg[p->base] / b->dg[p->axis]};
-    return u * u * (1 + 2 * t) * a->x[p->axis] + t * t * (3 - 2 * t) * b->x[p->axis] +
-           t * u * width * (u * climb[0] - t * climb[1]);
-}
-
-/* By how much a guess there is wrong, as it was at two roots. */
-static double wrong_by(const Piece *p, const Root *a, const Root *b, double at) {
-    double t = (at - a->x[p->base]) / (b->x[p->base] - a->x[p->base]);
-    return (1 - t) * (a->x[p->axis] - a->guess) + t * (b->x[p->axis] - b->guess);
-}
-
-/* Roots of the fine rule are solved: of those of the coarse one they tell more, for the points of rules of n and n - 1
- * points alternate. Where corners made the guesses they are put right, else they are taken from cubics. */
-static void guess_coarse(Cells *c, const Column *from, const Column *to) {
-    const Piece *p = &c->piece[from->piece];
-    const Column *coarse = from;
-    while (coarse < to && coarse->rule == CELL_FINE) coarse++;
-    bool alternate = p->base >= 0 && coarse - from == to - coarse + 1;
-    for (uint32_t k = 0; coarse + k < to; k++)
-        for (uint32_t i = 0; i < coarse[k].nroots; i++) {
-            Root *r = &c->root[coarse[k].first + i];
-            r->waits = false;
-            if (r->solved || !alternate) continue;
-            const Root *a = &c->root[from[k].first + i], *b = &c->root[from[k + 1].first + i];
-            bool told = !isnan(p->edge[r->edge].off);
-            double guess = told ? r->guess + wrong_by(p, a, b, r->x[p->base]) : on_cubic(p, a, b, r->x[p->base]);
-            /* Of a straight curve the guess from the middle is the better one. */
-            bool straight = !told && fabs(guess - r->guess) <= STRAIGHT * (r->hi - r->lo);
-            if (!straight && guess > r->lo && guess < r->hi) r->x[p->axis] = cells_round(c, guess);
-        }
-}
-
 static bool solve_columns(Cells *c, const uint32_t *first, uint32_t pieces) {
     for (uint32_t i = 0; i < c->nroot; i++) c->root[i].waits = c->column[c->root[i].column].rule == CELL_COARSE;
     if (!cells_solve(c)) return false;
     for (uint32_t i = 0; i < pieces; i++)
-        if (first[i] < first[i + 1]) guess_coarse(c, &c->column[first[i]], &c->column[first[i + 1]]);
+        if (first[i] < first[i + 1]) cells_guess_coarse(c, &c->column[first[i]], &c->column[first[i + 1]]);
     return cells_solve(c);
 }
 
@@ -378,6 +341,13 @@ static void measure_curve(const Cells *c, const Piece *p, const Column *from, co
         add_moments(c, &c->sides[e->sides - 1], moment[r], sum[r], most, total);
 }
 
+void cells_note_bend(const Cells *c, Piece *p, double apart) {
+    uint32_t coarse = cells_rule_of(c, p, CELL_COARSE)->n;
+    double floor = c->b->f64 ? 0x1p-40 : 0x1p-16; /* what rounding may make of it, moments of thin pieces included */
+    double most = powf((float)larger(apart, floor), 0.5f / (float)coarse) / length_of(p);
+    p->bend = apart > floor || !(c->bend > 0) ? most : smaller(0.5 * c->bend, most);
+}
+
 /* Do the rules agree on the curves of a piece? Sets its bend. */
 static bool curves_agree(const Cells *c, Piece *p, const Column *from, const Column *to) {
     double apart = 0;
@@ -395,12 +365,7 @@ static bool curves_agree(const Cells *c, Piece *p, const Column *from, const Col
                 if (total > 0) apart = larger(apart, d / total);
             }
     }
-    uint32_t coarse = cells_rule_of(c, p, CELL_COARSE)->n;
-    double floor = c->b->f64 ? 0x1p-40 : 0x1p-16; /* what rounding may make of it, moments of thin pieces included */
-    if (p->base >= 0) {
-        double most = powf((float)larger(apart, floor), 0.5f / (float)coarse) / length_of(p);
-        p->bend = apart > floor || !(c->bend > 0) ? most : smaller(0.5 * c->bend, most);
-    }
+    if (p->base >= 0) cells_note_bend(c, p, apart);
     return agree;
 }
 
@@ -450,13 +415,16 @@ bool cells_evaluate(Cells *c, uint32_t first, bool values) {
     if (!find_present(c, first) || !look_at_middles(c, first)) return false;
     if (c->o->flat && !cells_part_borders(c, first)) return false;
     n = c->npiece - first;
-    c->ncolumn = c->nroot = c->nspot = 0;
+    c->ncolumn = c->nroot = c->nspot = c->narc = c->narc_point = 0;
     if (!cells_grow(c, &c->first_column, &c->first_column_cap, n + 1, sizeof *c->first_column)) return false;
     for (uint32_t i = 0; i < n; i++) {
+        Piece *p = &c->piece[first + i];
+        bool arc;
         c->first_column[i] = c->ncolumn;
-        cells_choose_points(c, &c->piece[first + i]);
-        for (int r = 0; r < CELL_RULES; r++)
-            if ((c->piece[first + i].present || c->o->volume) && !add_columns(c, first + i, (CellRule)r)) return false;
+        cells_choose_points(c, p);
+        if (!cells_add_arc(c, p, &arc)) return false;
+        for (int r = 0; r < CELL_RULES && !arc; r++)
+            if ((p->present || c->o->volume) && !add_columns(c, first + i, (CellRule)r)) return false;
     }
     c->first_column[n] = c->ncolumn;
     if (!solve_columns(c, c->first_column, n) || !cells_take_sides(c) || !tie_columns(c)) return false;
@@ -509,10 +477,11 @@ static bool integrate(Cells *c, uint32_t first) {
         uint32_t end = spot;
         while (end < c->nspot && c->spot[end].owner == first + i) end++;
         bool agree = true, smooth = true;
-        if (compare && c->dim > 1) agree = curves_agree(c, p, from, to);
+        if (compare && p->arc) agree = cells_arc_agrees(c, p, &smooth);
+        else if (compare && c->dim > 1) agree = curves_agree(c, p, from, to);
         if (p->bend > 0 && !(p->turn > 0)) bent += p->bend * length_of(p), length += length_of(p);
-        if (compare && p->alone) smooth = cells_borders_agree(c, p, from, to);
-        else if (compare && c->o->volume)
+        if (compare && p->alone && !p->arc) smooth = cells_borders_agree(c, p, from, to);
+        else if (compare && c->o->volume && !p->arc)
             smooth = c->o->flat ? cells_parts_agree(c, spot, end) : cells_values_agree(c, spot, end, 1);
         bool any = end > spot; /* with none there may be no list */
         const Spot *spots = any ? c->spot + spot : NULL, *beyond = any ? c->spot + end : NULL;
@@ -536,7 +505,8 @@ static bool integrate(Cells *c, uint32_t first) {
             cells_add_upset(c, p, NULL);
             bool asked = compare && c->o->volume && end > spot;
             if (asked && !c->cell[p->cell].curves_done) cells_layer(c, p, from, to, spots, beyond, true);
-            if (p->alone) cells_emit_borders(c, p, from, to);
+            if (p->arc) cells_emit_arc(c, p);
+            else if (p->alone) cells_emit_borders(c, p, from, to);
             else if (c->o->flat) cells_emit_parts(c, spot, end);
             else cells_emit_spots(c, spot, end);
         } else {

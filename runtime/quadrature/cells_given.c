@@ -125,6 +125,52 @@ static bool differs(const CellEdge *e, const CellEdge *f) {
     return e->state != f->state || memcmp(e->g, f->g, sizeof e->g) || memcmp(e->slope, f->slope, sizeof e->slope);
 }
 
+/* ---- iterations that nowhere in the cell are the nearest
+ *
+ * Of a loop that keeps the iteration with the least key (SltScene.edge_argmin) all that is left in the end is the one
+ * that took over last. One that is that nowhere in the cell can be left out, be it that it never takes over, or that a
+ * later one always does so after it. Ways tell. A key that is refused by what was kept without others, or by one of
+ * these, is refused by what was kept with them, which is less. And one by which an iteration takes over even if another
+ * one has just done so, and nobody between, shows that this other one is never the last. */
+
+static int taking_over(const Cells *c, const Event *e) {
+    return c->s->edge_argmin && (uint32_t)e->site < c->s->nedges ? c->s->edge_argmin[e->site] : 0;
+}
+
+/* The event of the cell that such a way shows to be of no account; -1: none. */
+static int left_out(const Cells *c, const Cell *cell, const CellEdge *way) {
+    int takes = taking_over(c, &way->event), sign = way->g[0] > 0 ? 1 : way->g[1] < 0 ? -1 : 0, last = -1;
+    uint32_t taken = 0;
+    if (!takes || !sign) return -1;
+    for (uint32_t i = 0; i < way->given.n; i++) {
+        uint32_t event = way->given.is[i].event;
+        bool same = cell->event[event].site == way->event.site;
+        if (!same && !cell->sign[event]) return -1; /* its own key may hang on that */
+        if (same && way->given.is[i].below == (takes < 0)) taken++, last = (int)event;
+    }
+    if (sign == takes) return taken == 1 ? last : -1;
+    for (uint32_t i = 0; i < cell->nevents; i++)
+        if (event_same(&cell->event[i], &way->event)) return (int)i;
+    return -1;
+}
+
+/* Drops the edges of the event, and those of others where it takes over. */
+static void leave_out(const Cells *c, Cell *cell, uint32_t event) {
+    int takes = taking_over(c, &cell->event[event]);
+    uint32_t kept = 0;
+    cell->sign[event] = (int8_t)-takes;
+    for (uint32_t e = 0; e < cell->nedges; e++) {
+        const CellEdge *edge = &cell->edge[e];
+        bool drop = event_same(&edge->event, &cell->event[event]);
+        for (uint32_t i = 0; i < edge->given.n; i++)
+            drop |= edge->given.is[i].event == event && edge->given.is[i].below == (takes < 0);
+        if (drop) continue;
+        if (kept != e) cell->edge[kept] = *edge;
+        kept++;
+    }
+    cell->nedges = kept;
+}
+
 /* The ways take the place of the edge, but for those of which bounds prove that they have no curve in the cell. */
 static void put_ways(Cell *cell, const Trial *t) {
     const CellEdge *edge = &cell->edge[t->edge];
@@ -157,6 +203,12 @@ bool cells_give(Cells *c, Cell *cell, uint32_t n) {
             for (uint32_t w = 0; w < c->trial[i].ways; w++) cells_meet(c, &c->trial[i].way[w], a++);
         /* From the last to the first: edges that are put in move those behind. */
         for (uint32_t i = c->ntrial; i-- > 0;) put_ways(&cell[c->trial[i].cell], &c->trial[i]);
+        for (uint32_t i = 0; i < c->ntrial && c->s->edge_argmin; i++)
+            for (uint32_t w = 0; w < c->trial[i].ways; w++) {
+                Cell *of = &cell[c->trial[i].cell];
+                int event = left_out(c, of, &c->trial[i].way[w]);
+                if (event >= 0) leave_out(c, of, (uint32_t)event);
+            }
     }
 }
 

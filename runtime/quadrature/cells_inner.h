@@ -12,7 +12,9 @@
  *   cells_stretch.c that asked of stretches of the base, until bounds prove the answer
  *   cells_border.c  areas by what bounds them, where f is constant between curves
  *   cells_points.c  how many points a piece gets, and where
+ *   cells_guess.c   about where the roots of the coarse rule lie
  *   cells_column.c  pieces of the base become columns, these roots and crossings
+ *   cells_arc.c     pieces of one quadric, with f constant on both sides, become crossings at once
  *   cells_twins.c   curves that lie on each other as far as rounding lets one tell: what is between them
  *   cells_tied.c    whose the jump is
  *   cells_kinks.c   curves of a g that has a kink in the parameters
@@ -190,6 +192,7 @@ typedef struct Piece {
     bool up[2];        /* and whether through the upper face */
     bool alone;        /* it is of one curve, `only`, and tells areas */
     uint8_t only;
+    uint32_t arc;     /* then: c->arc[arc - 1] has its points, and it has no columns; 0: it has */
     double pace[3];   /* of one curve: how fast its base is gone along, at both ends and in the middle; all 1 else */
     double turn;      /* and the angle by which its direction changes; 0: not known */
     double beyond[2]; /* as in Cut */
@@ -205,6 +208,15 @@ typedef struct Cut {
     double at, beyond; /* beyond: length along the base of what it has between there and the domain's border */
     double height;     /* of the curve that leaves; NaN: not known as well as numbers go */
 } Cut;
+
+/* A point of the curve of an arc; weight: measure of the base. */
+typedef struct ArcPoint {
+    double x[2], dg[2], weight;
+} ArcPoint;
+typedef struct Arc {
+    uint32_t first, n[CELL_RULES]; /* c->arc_point[first ..]: n of the fine rule, then those of the coarse one */
+    double moment[CELL_RULES][3], area[CELL_RULES], size; /* as in measure_curve and area_below */
+} Arc;
 
 /* A point of the base with the line above it. */
 typedef struct Column {
@@ -346,6 +358,10 @@ struct Cells {
     uint32_t ncolumn, column_cap;
     uint32_t *first_column; /* of each piece in hand */
     uint32_t first_column_cap;
+    Arc *arc;
+    uint32_t narc, arc_cap;
+    ArcPoint *arc_point;
+    uint32_t narc_point, arc_point_cap;
     Spot *spot;
     uint32_t nspot, spot_cap;
     Smooth *smooth;
@@ -515,7 +531,9 @@ bool cells_take_sides(Cells *c);
 /* ---- cells_rounding.c: of roots that go out: how far rounding blurs them, Root.blur and CellCounts. In f32 those of
  * the coarse rule are moved, and slopes are those of the sites. */
 bool cells_round_roots(Cells *c, const Column *from, const Column *to);
+void cells_round_arc(Cells *c, const Piece *p, const Arc *arc); /* and weights of the coarse rule */
 static inline const Sides *cells_sides(const Cells *c, const Root *r) { return &c->sides[r->sides - 1]; }
+static inline const Sides *cells_sides_of(const Cells *c, const PieceEdge *e) { return &c->sides[e->sides - 1]; }
 
 /* ---- cells_stretch.c and cells_base.c, for cells of one and two dimensions and planes of 3D, from cell[first] on;
  * cell->refine where curves cannot be told apart */
@@ -525,6 +543,8 @@ void cells_slope_along(const double a[3][2], const double f[3][2], int base, int
                        double slope[2]);
 /* Is the curve of an edge in the cell above s on the base? False: the corners do not tell. */
 bool cells_told_by_corners(const CellEdge *e, double s, bool *present);
+/* The height of a quadric: of the two roots the one where the slope has the sign `rises`. */
+double cells_height_on_quadric(const CellEdge *e, int base, double s);
 /* About where it is, as they tell; NaN: they do not. */
 double cells_height_by_corners(const Cell *cell, const CellEdge *e, int base, double s);
 bool cells_cut_planes(Cells *c, uint32_t first); /* makes the cuts, sorted */
@@ -539,6 +559,9 @@ const GaussRule *cells_rule_of(const Cells *c, const Piece *p, CellRule rule);
 /* Where t of [0, 1] lies on the base of a piece with a turn, in parts of that, and how fast that goes there. */
 double cells_along_base(const Piece *p, double t, double *pace);
 
+/* ---- cells_guess.c: of the columns of a piece, those of the fine rule first, whose roots are solved */
+void cells_guess_coarse(Cells *c, const Column *from, const Column *to);
+
 /* ---- cells_column.c */
 bool cells_integrate(Cells *c); /* over all pieces */
 /* Columns, roots and spots of the pieces from `first` on: first_column[i - first] is that of piece i. */
@@ -549,6 +572,15 @@ void cells_flush(Cells *c);
 Crossing *cells_add_crossing(Cells *c, uint8_t rule);
 /* The crossing that a root with known sides is. */
 void cells_crossing(const Cells *c, const Root *r, Crossing *x);
+
+/* Sets the bend of a piece whose rules are so far apart, in parts of what they integrate. */
+void cells_note_bend(const Cells *c, Piece *p, double apart);
+
+/* ---- cells_arc.c */
+/* Makes an arc of a piece, if it is one. False when memory runs out. */
+bool cells_add_arc(Cells *c, Piece *p, bool *is);
+bool cells_arc_agrees(const Cells *c, Piece *p, bool *areas); /* the rules; sets the bend. areas: those too */
+void cells_emit_arc(Cells *c, const Piece *p);
 
 /* ---- cells_twins.c */
 /* Of roots of a column that lie on each other one stays, which stands for all. */
@@ -633,6 +665,7 @@ bool cells_may_border(const Cells *c, const Cell *cell);
 bool cells_part_borders(Cells *c, uint32_t first);
 bool cells_borders_agree(const Cells *c, const Piece *p, const Column *from, const Column *to); /* the rules */
 void cells_emit_borders(Cells *c, const Piece *p, const Column *from, const Column *to);
+void cells_add_borders(Cells *c, const Piece *p, const double area[CELL_RULES], double size);
 /* cells.c: it is known what becomes of a cell that has no common axis. */
 bool cells_end_borders(Cells *c, Cell *cell);
 

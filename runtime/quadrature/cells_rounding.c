@@ -139,6 +139,46 @@ static void blur_piece(Cells *c, const Column *from, const Column *to) {
         }
 }
 
+/* Of the two ends of an arc: how long they may be, in parts of its base. */
+static double ends_of_arc(const Piece *p, const CellEdge *e, const ArcPoint *a, uint32_t n) {
+    double length = p->at[p->base][1] - p->at[p->base][0], error = 0;
+    for (int end = 0; end < 2 && n; end++) {
+        if (p->leaving[end] != (int8_t)p->only) continue;
+        const ArcPoint *at = end ? a + n - 1 : a;
+        double half = 0x1p-53 * fabs(at->x[p->base]), off = APART * USUAL * e->error / fabs(at->dg[p->base]);
+        error += smaller(off + half, 0.5 * length) / length;
+    }
+    return error;
+}
+
+/* The same as blur_piece, of points at which g is 0. */
+void cells_round_arc(Cells *c, const Piece *p, const Arc *arc) {
+    const Cell *cell = &c->cell[p->cell];
+    const CellEdge *e = &cell->edge[p->only];
+    const Sides *s = cells_sides_of(c, &p->edge[p->only]);
+    ArcPoint *a = &c->arc_point[arc->first];
+    double high = cell->box.hi[p->axis] - cell->box.lo[p->axis], middle[3] = {0}, change = 0, width = 0;
+    double ends = ends_of_arc(p, e, a, arc->n[CELL_FINE]), most = 0, length = 0, moved = 0, bends = 0;
+    for (uint32_t d = 0; d < 2; d++) {
+        change = larger(change, e->slope[d][1] - e->slope[d][0]);
+        width = larger(width, cell->box.end[d] - cell->box.lo[d]), middle[d] = p->at[d][0] + p->at[d][1];
+    }
+    const double sign = by_chance(middle) ? -1 : 1;
+    for (uint32_t i = 0; i < arc->n[CELL_FINE] + arc->n[CELL_COARSE]; i++, a++) {
+        double up = fabs(a->dg[p->axis]), steep = sqrt(a->dg[0] * a->dg[0] + a->dg[1] * a->dg[1]);
+        double off = smaller(USUAL * e->error, high * up);
+        double bent = off / steep * smaller(change / steep, BENT) / width, weight = a->weight / up;
+        if (!(bent < HUGE_VAL)) continue;
+        if (i >= arc->n[CELL_FINE]) a->weight *= 1 + sign * (bent + ends);
+        else length += weight * steep, moved += weight * off, bends += weight * steep * bent;
+    }
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) {
+        double jump = fabs(s->f[1][ch] - s->f[0][ch]);
+        c->counts->moved[ch] += moved * jump, most = larger(most, jump);
+    }
+    c->counts->weighed += length * most, c->counts->blurred += bends * most;
+}
+
 bool cells_round_roots(Cells *c, const Column *from, const Column *to) {
     if (!c->b->f64 && c->rule[CELL_COARSE].n && !move_roots(c, from, to)) return false;
     if (!c->b->f64 && c->waves && !take_own_slopes(c, from, to)) return false;

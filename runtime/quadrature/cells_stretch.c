@@ -114,11 +114,19 @@ static bool ask_more(Cells *c) {
 bool stretch_heights(Cells *c, uint32_t first, int ends) {
     c->nroot = 0;
     for (uint32_t i = first; i < c->nstretch; i++) {
-        const Stretch *s = &c->stretch[i];
+        Stretch *s = &c->stretch[i];
         const CellEdge *e = curve_of(c, s);
+        const Box *box = &c->cell[s->cell].box;
         for (int end = 0; end < 2 && s->other != FACE; end++) {
             double x[3];
             if (!(ends >> end & 1) || s->known[end]) continue;
+            if (e->quadric.is && c->dim == 2) {
+                double h = /* in a plane of 3D it says too little */
+                    cells_height_on_quadric(e, base_axis(&c->cell[s->cell], e->axis), s->at[end]);
+                s->known[end] = h >= box->lo[e->axis] && h <= box->hi[e->axis]; /* NaN is not */
+                if (s->known[end]) s->height[end] = h;
+                if (s->known[end]) continue;
+            }
             place(&c->cell[s->cell], e->axis, s->at[end], 0, x);
             Root *r = cells_root(c, &c->cell[s->cell], e, e->axis, x, s->height[end]);
             if (!r) return false;
@@ -143,14 +151,21 @@ bool stretch_values(Cells *c, uint32_t first, int ends) {
             double x[3];
             if (!(ends >> end & 1)) continue;
             place(&c->cell[s->cell], curve_of(c, s)->axis, s->at[end], s->height[end], x);
-            if (!cells_probe_or_tell(c, tested(c, s), x)) return false;
+            if (!ask_unless_told(c, tested(c, s), x)) return false;
         }
     }
     if (!cells_run_probes(c)) return false;
-    const Probe *p = c->probe;
-    for (uint32_t i = first; i < c->nstretch; i++)
-        for (int end = 0; end < 2; end++)
-            if (ends >> end & 1) c->stretch[i].value[end] = (p++)->g;
+    const Probe *next = c->probe;
+    for (uint32_t i = first; i < c->nstretch; i++) {
+        Stretch *s = &c->stretch[i];
+        for (int end = 0; end < 2; end++) {
+            double x[3];
+            Probe own;
+            if (!(ends >> end & 1)) continue;
+            place(&c->cell[s->cell], curve_of(c, s)->axis, s->at[end], s->height[end], x);
+            s->value[end] = tell_or_next(c, tested(c, s), x, &own, &next)->g;
+        }
+    }
     return true;
 }
 

@@ -17,7 +17,7 @@ typedef struct Stretch {
     uint32_t cell;
     int8_t edge, other; /* FACE: g of `edge` on a face; ARC: nothing yet; else g of `other` on the curve of `edge` */
     uint8_t halvings;
-    bool known[2];                        /* height[] is, for the curve leaves the cell there */
+    bool known[2];                        /* height[] is, for the curve leaves the cell there, or is a quadric */
     double at[2];                         /* the two ends, */
     double height[2];                     /* what the height is there, */
     double value[2];                      /* and the function */
@@ -40,6 +40,17 @@ static inline void place(const Cell *cell, int axis, double s, double height, do
 static inline const CellEdge *curve_of(const Cells *c, const Stretch *s) { return &c->cell[s->cell].edge[s->edge]; }
 static inline const CellEdge *tested(const Cells *c, const Stretch *s) {
     return &c->cell[s->cell].edge[s->other < 0 ? s->edge : s->other];
+}
+
+/* g of an edge at a place where it is a quadric: *own gets it. Elsewhere it is the next probe, which was asked. */
+static inline const Probe *tell_or_next(const Cells *c, const CellEdge *e, const double x[3], Probe *own,
+                                        const Probe **next) {
+    if (!e->quadric.is) return (*next)++;
+    own->g = cells_on_quadric(&e->quadric, x, c->dim, own->dg);
+    return own;
+}
+static inline bool ask_unless_told(Cells *c, const CellEdge *e, const double x[3]) {
+    return e->quadric.is || cells_probe(c, e, x);
 }
 
 Stretch *stretch_add(Cells *c, const Stretch *from);

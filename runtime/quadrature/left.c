@@ -109,7 +109,7 @@ static void scan(SweepWorker *v, const Net *t, uint32_t axis, uint64_t first, do
         seg->thin = t->thin && differ ? thin_edge(w, &line, e, axis) : 0;
         finder_add(&w->finder, seg, worker_mark(w, a), worker_mark(w, b), own);
     }
-    if (!scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_NEAR_SITE)) return;
+    if (!scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_NEAR_SITE) || w->finder.finest) return;
     seg->cls = set | missed, seg->thin = 0;
     near_probe(w, &line, seg);
 }

@@ -3,8 +3,10 @@
  * hold it, and the mean of 1 / volume over points is the number of cells. Where that looks well, a few small tiles are
  * cut into cells in earnest. No clock is asked, and nothing is remembered. */
 #include <math.h>
+#include <stdlib.h>
 
 #include "runtime/quadrature/inner.h"
+#include "runtime/sample/alloc.h"
 #include "runtime/sample/prove.h"
 
 enum {
@@ -24,6 +26,10 @@ static const uint64_t trial_budget[3] = {400, 400, 2000}; /* evaluations of each
 #define DEARER_IMAGE 10.0 /* for an image: its lattice is coarse */
 #define THIN 0.1          /* but where so many of its curves are too near to each other for that */
 #define DEARER_THIN 100.0
+/* Steps that bear noise want more of them, not better ones. An evaluation of cells takes longer than one of lines. */
+#define FRUGAL 0.5
+#define FRUGAL_THIN 1.0
+#define FRUGAL_TRIAL 0.1 /* what the trial itself may cost then, of what the lattice does */
 #define WIDER_BUDGET 0.05   /* what these may cost, of what the lattice does, */
 #define WIDER_DEAREST 0.005 /* and each of them */
 #define IMAGE_CELLS 16.0  /* nor where an image has more cells a pixel than this */
@@ -39,45 +45,81 @@ static void box_at(const SltScene *s, uint32_t point, uint32_t level, double lo[
     }
 }
 
-/* Returns what |f| is at least somewhere. */
-static double ask(Batch *b, int32_t state[LEVELS][POINTS], int32_t open[LEVELS][POINTS]) {
-    for (uint32_t l = 0; l < LEVELS; l++)
-        for (uint32_t i = 0; i < POINTS; i++) {
-            double lo[3] = {0}, hi[3] = {0};
-            box_at(b->s, i, l, lo, hi);
-            batch_set_x(b, l * POINTS + i, lo);
-            for (uint32_t d = 0; d < b->s->dim; d++) batch_set(b, SLT_IN_H0 + d, l * POINTS + i, hi[d]);
-        }
-    batch_call(b, SLT_K_BOUNDS, LEVELS * POINTS);
+/* What bounds say of each box, level by level. Loops of many iterations are asked about by threads, some boxes each: no
+ * list tells yet which of them matter. */
+enum { BOXES = LEVELS * POINTS, SHARE = 24, MANY = 1 << 12 };
+typedef struct Asking {
+    const SltScene *s;
+    const Grid *grid;
+    uint32_t share;                    /* boxes of a call */
+    int32_t state[BOXES], open[BOXES]; /* level by level */
+    double seen;                       /* what |f| is at least somewhere */
+    SltStats stats;
+    struct {
+        Batch batch;
+        double seen; /* of its last call */
+    } *worker;
+} Asking;
+
+static bool ask(void *user, uint32_t worker, uint64_t share) {
+    Asking *a = user;
+    Batch *b = &a->worker[worker].batch;
+    const uint32_t first = (uint32_t)share * a->share;
+    if (!b->s && !batch_init(b, a->s, a->grid)) return false;
+    for (uint32_t i = 0; i < a->share; i++) {
+        double lo[3] = {0}, hi[3] = {0};
+        box_at(b->s, (first + i) % POINTS, (first + i) / POINTS, lo, hi);
+        batch_set_x(b, i, lo);
+        for (uint32_t d = 0; d < b->s->dim; d++) batch_set(b, SLT_IN_H0 + d, i, hi[d]);
+    }
+    batch_call(b, SLT_K_BOUNDS, a->share);
     double seen = 0;
-    for (uint32_t l = 0; l < LEVELS; l++)
-        for (uint32_t i = 0; i < POINTS; i++) {
-            for (uint32_t c = 0; c < b->s->channels; c++) {
-                double least = batch_get(b, SLT_OUT_F_LO, c, l * POINTS + i);
-                double most = batch_get(b, SLT_OUT_F_HI, c, l * POINTS + i);
-                if (least <= most) seen = fmax(seen, fmax(least, -most)); /* all of the box is that far from 0 */
-            }
-            state[l][i] = batch_get_int(b, SLT_OUT_BOX_STATE, 0, l * POINTS + i);
-            open[l][i] = batch_open(b, l * POINTS + i);
+    for (uint32_t i = 0; i < a->share; i++) {
+        for (uint32_t c = 0; c < b->s->channels; c++) {
+            double least = batch_get(b, SLT_OUT_F_LO, c, i), most = batch_get(b, SLT_OUT_F_HI, c, i);
+            if (least <= most) seen = fmax(seen, fmax(least, -most)); /* all of the box is that far from 0 */
         }
-    return seen;
+        a->state[first + i] = batch_get_int(b, SLT_OUT_BOX_STATE, 0, i), a->open[first + i] = batch_open(b, i);
+    }
+    a->worker[worker].seen = seen;
+    return true;
+}
+static void take_seen(void *user, uint32_t worker, uint64_t share) {
+    Asking *a = user;
+    (void)share;
+    a->seen = fmax(a->seen, a->worker[worker].seen);
+    batch_collect(&a->worker[worker].batch, &a->stats);
+}
+
+/* False when memory runs out. */
+static bool ask_all(Asking *a, const SltJob *j) {
+    uint64_t iterations = 0;
+    for (uint32_t i = 0; i < a->s->nlists; i++) iterations += a->s->list_count[i];
+    a->share = iterations < MANY ? BOXES : SHARE;
+    PoolOptions pool = {.threads = pool_threads(j->threads, BOXES / a->share)};
+    a->worker = alloc_zero(pool.threads, sizeof *a->worker);
+    bool ok = a->worker && pool_run(&pool, BOXES / a->share, ask, take_seen, a, NULL) == SLT_OK;
+    for (uint32_t i = 0; i < pool.threads && a->worker; i++)
+        if (a->worker[i].batch.s) batch_free(&a->worker[i].batch);
+    free(a->worker);
+    return ok;
 }
 
 Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats) {
     Outlook o = {.unproven = 1, .side = 1};
-    Batch b;
     Grid g;
     SltError err;
-    int32_t state[LEVELS][POINTS], open[LEVELS][POINTS];
     if (!s->kernel[SLT_K_BOUNDS] || s->uses_rand || grid_init(&g, s, j, &err) != SLT_OK) return o;
-    o.no_memory = !batch_init(&b, s, &g);
+    Asking a = {.s = s, .grid = &g, .stats = SLT_STATS_INIT};
+    o.no_memory = !ask_all(&a, j);
     if (!o.no_memory) {
         uint32_t unproven = 0, finest[LEVELS + 1] = {0}, level = 0, places = 0;
-        o.seen = ask(&b, state, open);
+        o.seen = a.seen;
         for (uint32_t i = 0; i < POINTS; i++) {
             uint32_t l = 0;
-            while (l < LEVELS && (state[l][i] & SLT_BOX_UNKNOWN || open[l][i] > SLT_MAX_OPEN)) l++;
-            if (l == LEVELS && state[l - 1][i] & SLT_BOX_UNKNOWN) unproven++;
+            while (l < LEVELS && (a.state[l * POINTS + i] & SLT_BOX_UNKNOWN || a.open[l * POINTS + i] > SLT_MAX_OPEN))
+                l++;
+            if (l == LEVELS && a.state[(l - 1) * POINTS + i] & SLT_BOX_UNKNOWN) unproven++;
             finest[l]++;
         }
         for (uint32_t l = 0, rest = POINTS - CHANCE; l <= LEVELS; l++) {
@@ -88,11 +130,9 @@ Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats) 
         while ((places += finest[level]) <= POINTS / 2) level++;
         o.side = ldexp(1, -2 * (int)(level + 1));
         o.unproven = (double)unproven / POINTS;
-        SltStats own = SLT_STATS_INIT;
-        batch_collect(&b, &own);
-        if (stats) stats->evaluations += own.evaluations;
+        if (stats) stats->evaluations += a.stats.evaluations;
     }
-    batch_free(&b), grid_free(&g);
+    grid_free(&g);
     return o;
 }
 
@@ -181,7 +221,7 @@ typedef struct Trial {
 typedef struct Tiles {
     uint32_t first, n;
     uint64_t budget, most;
-    double dearer; /* than the lattice cells may be, so many times */
+    double dearer, thin; /* than the lattice cells may be, so many times; where it would see neither of two curves */
 } Tiles;
 
 /* Cuts the tiles into cells. May all of the domain be cut? Told too: how many had not enough. */
@@ -211,7 +251,7 @@ static bool tiles_pay(const Trial *t, const Tiles *a, uint32_t *spent, bool *ok)
     double used =
         (double)(t->b->evaluations - before + cost.curve) + (double)cost.volume * (j->no_interior ? 1 : t->s->channels);
     /* What the lattice would not see is no matter of its price. */
-    double dearer = cost.thin > THIN * (double)cost.curve ? DEARER_THIN : a->dearer;
+    double dearer = cost.thin > THIN * (double)cost.curve ? a->thin : a->dearer;
     bool cheap = wants_error(j) || used / all <= dearer * t->lattice;
     return *ok && cheap && counts.left <= (wants_error(j) ? TRIAL_LEFT_WANTED : TRIAL_LEFT) * all;
 }
@@ -226,9 +266,13 @@ SltEstimator quadrature_try(const SltScene *s, const SltJob *j, SltStats *stats)
     Trial t = {s, j, &g, ok ? cells_new(&b, s->lo, s->hi) : NULL, &b, quadrature_lattice(s, j, true, !j->no_interior)};
     ok &= t.cells != NULL;
     uint32_t spent = 0;
-    Tiles few = {0, TRIALS, trial_budget[g.dim - 1], UINT64_MAX, g.integral ? DEARER : DEARER_IMAGE};
-    Tiles wider = {TRIALS, WIDER, (uint64_t)(WIDER_DEAREST * t.lattice), (uint64_t)(WIDER_BUDGET * t.lattice), 1};
+    Tiles few = {0, TRIALS, trial_budget[g.dim - 1], UINT64_MAX, g.integral ? DEARER : DEARER_IMAGE, DEARER_THIN};
+    Tiles wider = {TRIALS, WIDER, (uint64_t)(WIDER_DEAREST * t.lattice), (uint64_t)(WIDER_BUDGET * t.lattice), 1, 1};
+    bool frugal = s->frugal && !g.integral && !wants_error(j) && j->interior != SLT_INTERIOR_QUADRATURE;
+    if (frugal) few.most = (uint64_t)(FRUGAL_TRIAL * t.lattice), few.dearer = FRUGAL, few.thin = FRUGAL_THIN;
     if (ok) pays = tiles_pay(&t, &few, &spent, &ok);
+    /* What the rest of a tile costs that had not enough is not known: it may be a hundred times as much. */
+    if (frugal && spent) pays = false;
     /* Most were cheap: the rest may be thin things, to which lines are blind. Other tiles tell more, if there is more
      * to spend on each. In a volume what is left over has no bars as good as those of lines. */
     bool asks = g.integral && g.dim < 3 && spent <= FEW && wider.most > WIDER * few.budget;

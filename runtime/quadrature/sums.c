@@ -58,7 +58,7 @@ void sums_merge(Sums *m, Accum *a, SumMode mode, double lines) {
         for (uint32_t row = 0; row < rows; row++, v++) {
             size_t at = (size_t)row * m->nfloats + f->parameter[i];
             double both = v[SUM_INTERIOR_BOTH * rows], share = v[SUM_SIZE * rows] / lines;
-            m->variance[at] += share * share;
+            if (share != 0) m->variance[at] += share * share; /* else its page stays untouched */
             m->size[at] += fabs(v[SUM_BOUNDARY_FINE * rows]) + fabs(v[SUM_INTERIOR_FINE * rows] + both);
             m->error[at] += m->curves * fabs(v[SUM_BOUNDARY_FINE * rows]);
             m->boundary[at] += join(m, v[SUM_BOUNDARY_FINE * rows], v[SUM_BOUNDARY_COARSE * rows], boundary, lines,
@@ -95,6 +95,16 @@ void sums_upset(Sums *m, const uint8_t *active, const double jump[SLT_MAX_CHANNE
         for (size_t p = 0; p < m->nfloats; p++)
             if (!active || active[p]) m->variance[row * m->nfloats + p] += half * half;
     }
+}
+
+void sums_gone(Sums *m, const uint8_t *active, const double jump[SLT_MAX_CHANNELS]) {
+    size_t n = (size_t)m->rows * m->nfloats;
+    bool any = false, some = false;
+    for (uint32_t c = 0; c < SLT_MAX_CHANNELS; c++) any |= jump[c] > 0;
+    for (size_t i = 0; i < n && any && !some; i++) some = m->boundary[i] != 0;
+    if (some) sums_upset(m, active, jump);
+    for (size_t i = 0; i < n && any && !some; i++)
+        if (!active || active[i % m->nfloats]) m->variance[i] = INFINITY;
 }
 
 #define SLOWLY 64 /* times the distance of two rules, at most, is what they leave at a small power */

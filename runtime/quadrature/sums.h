@@ -55,6 +55,9 @@ void sums_unnamed(Sums *m, const uint8_t *active, double left, double unit);
 /* f jumps along curves that nothing integrates: jump[channel] is the integral of |jump| along them. How fast these move
  * is not known; what is added is right for curves that move by 1 when a parameter changes by 1. */
 void sums_upset(Sums *m, const uint8_t *active, const double jump[SLT_MAX_CHANNELS]);
+/* The same of what lines have met and could not integrate. Where nothing at all was integrated, infinite, as of lines:
+ * nothing tells what moves. */
+void sums_gone(Sums *m, const uint8_t *active, const double jump[SLT_MAX_CHANNELS]);
 /* Between a seam and the nearest places f changes as a small power of the distance: rims[channel] is the integral of
  * that along seams. Derivatives by what moves one are then off by as much, and rules, which converge slowly there,
  * by a part of it; those on which rules agree are not. Returns the largest, in parts of the largest derivative. */

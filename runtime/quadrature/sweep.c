@@ -502,6 +502,7 @@ SltStatus sweep_run(Sweep *p) {
     p->counts = (CellCounts){0}, p->left_bound = p->loss = 0, p->nleft = p->nbeside = 0, p->mixed = false, p->lines = 2;
     p->differ = p->unseen = 0;
     p->short_of_volume = p->unnamed = p->sampled = false, p->volume_sampled = 0;
+    memset(p->gone, 0, sizeof p->gone);
     memset(p->f, 0, sizeof p->f), memset(p->f_error, 0, sizeof p->f_error),
         memset(p->f_variance, 0, sizeof p->f_variance), memset(p->f_hidden, 0, sizeof p->f_hidden);
     uint64_t start = r->stats.evaluations, share = (uint64_t)((1 - p->left_share) * (double)p->budget), kept = 0;
@@ -553,6 +554,7 @@ SltStatus sweep_run(Sweep *p) {
         st = sweep_work_off_left(p, start);
         for (uint32_t i = 0; i < r->nworkers; i++) p->unnamed |= p->worker[i].unnamed;
         if (p->unnamed && p->errors) sums_unnamed(&p->sums, r->s->active, left, unit_of(p));
+        if (p->errors) sums_gone(&p->sums, r->s->active, p->gone);
     }
     return st;
 }

@@ -93,9 +93,11 @@ typedef struct Sweep {
     Apart *apart;                  /* for boundaries that coincide there; NULL: not looked for */
     bool marches;                  /* in cells that are left curves are followed from side to side: march.c */
     bool sampled;                  /* cells that are left stand for others */
+    bool hides, cuts;              /* lines in them may step over what counts; they do: cut.c */
     bool mixed;                    /* lines or samples were used */
     bool unnamed;                  /* more events are open in what is left than bounds name */
     double jump[SLT_MAX_CHANNELS]; /* the largest at the curves of cells */
+    double gone[SLT_MAX_CHANNELS]; /* what lines there could not integrate: sums_gone */
 } Sweep;
 /* The members above `sums` are the caller's; `run` has begun. */
 SltStatus sweep_begin(Sweep *p);
@@ -124,15 +126,17 @@ struct SweepWorker {
     double volume_sampled;         /* measure of cells of the tile whose volume is only sampled */
     double jump[SLT_MAX_CHANNELS]; /* as in Sweep; of this worker's tiles */
     bool unnamed;
-    uint64_t differ, unseen;   /* segments of lines, so far, as in Sweep; */
-    uint64_t differ0, unseen0; /* and before the chunk in hand */
-    const LeftCell *within;    /* the cell that the tile is; NULL: no such one */
-    uint8_t owner;             /* which cell of its chunk lines go through: Segment.owner */
-    struct Hidden *hidden;     /* hidden.c: room for a chunk; NULL until it is needed */
-    struct March *march;       /* march.c, likewise */
-    Splat splat;               /* SWEEP_RENDER, SWEEP_FORWARD: planes of the interior; SWEEP_LOSS: pixels of the tile */
-    Kept kept;                 /* SWEEP_LOSS */
-    bool failed;               /* memory ran out */
+    double gone[SLT_MAX_CHANNELS]; /* as in Sweep; of the chunk in hand */
+    uint64_t differ, unseen;       /* segments of lines, so far, as in Sweep; */
+    uint64_t differ0, unseen0;     /* and before the chunk in hand */
+    const LeftCell *within;        /* the cell that the tile is; NULL: no such one */
+    uint8_t owner;                 /* which cell of its chunk lines go through: Segment.owner */
+    struct Hidden *hidden;         /* hidden.c: room for a chunk; NULL until it is needed */
+    struct March *march;           /* march.c, likewise */
+    Splat splat; /* SWEEP_RENDER, SWEEP_FORWARD: planes of the interior; SWEEP_LOSS: pixels of the tile */
+    Kept kept;   /* SWEEP_LOSS */
+    double vain; /* share of the cells that left_cut gave up */
+    bool failed; /* memory ran out */
 };
 /* What bounds say that a cell which is left can hide of the value: measure times the largest range of a channel. */
 double sweep_hidden(const Sweep *p, const LeftCell *l);
@@ -166,6 +170,12 @@ bool left_lines(SweepWorker *v, const LeftCell *c, uint32_t n, int set);
 void left_samples(SweepWorker *v, const LeftCell *c, uint32_t n, int set);
 /* What crossings of the chunk in hand are divided by for the error of its lines. */
 double left_divisor(const SweepWorker *v);
+/* ---- cut.c: lines through those of n <= LEFT_CHUNK cells, the from-th of the list and so on, that are not done, cut
+ * by bounds until nothing is open on their parts. done: set where bounds know the cell; seen: where a crossing is
+ * found. False when memory runs out. */
+bool left_cut(SweepWorker *v, const LeftCell *l, uint64_t from, uint32_t n, bool *done, bool *seen);
+/* Do lines that are not cut step over much of what the cells hold? A few of the list tell, for so many evaluations. */
+bool left_hides(SweepWorker *v, double spend);
 /* ---- march.c: the curves in n <= LEFT_CHUNK cells, where `marches`; they have no other lines. dry: nothing comes out
  * but what it costs. False when memory runs out. */
 bool left_curves(SweepWorker *v, const LeftCell *c, uint32_t n, bool dry);

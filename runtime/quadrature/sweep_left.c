@@ -14,6 +14,8 @@ enum {
 };
 #define LEFT_PAYS 0.125
 #define UNSEEN 0.1
+#define LEFT_SHORT 0x1p-24 /* of the domain's width */
+#define LEFT_HIDES 0x1p-5 /* of what cells have cost: to find out whether their lines must be cut by bounds */
 #define LEFT_ASKS 0x1p-6 /* of what cells have cost: for what those that are left may hide, whatever there is to spare */
 
 double sweep_hidden(const Sweep *p, const LeftCell *l) {
@@ -44,6 +46,19 @@ static void note_unit(SweepWorker *v, const LeftCell *l) {
     }
 }
 
+/* Of what lines of the chunk met and could not integrate, of which each of their sets has all. Where it is not known by
+ * how much f jumps, by as much as elsewhere. */
+static void take_gone(SweepWorker *v) {
+    const Sweep *p = v->sweep;
+    Sink *k = &v->w->sink;
+    double part = p->run->s->dim > 1 ? 0.5 : 1;
+    for (uint32_t c = 0; c < p->run->s->channels; c++) {
+        double usual = k->kind == SINK_REVERSE ? 0 : p->jump[c] > 0 ? p->jump[c] : 1;
+        v->gone[c] = p->marches ? 0 : part * (k->gone[c] + usual * v->w->finder.parts_gone);
+    }
+    memset(k->gone, 0, sizeof k->gone), v->w->finder.parts_gone = 0;
+}
+
 static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     Sweep *p = user;
     SweepWorker *v = &p->worker[worker];
@@ -51,7 +66,9 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
              to = from + LEFT_CHUNK < p->nleft ? from + LEFT_CHUNK : p->nleft;
     Box hull = p->left[from].box;
     v->differ0 = v->differ, v->unseen0 = v->unseen;
-    bool seen[LEFT_CHUNK] = {false}, lost[LEFT_CHUNK] = {false};
+    bool seen[LEFT_CHUNK] = {false}, lost[LEFT_CHUNK] = {false}, done[LEFT_CHUNK] = {false}, met[LEFT_CHUNK] = {false};
+    const LeftCell *first = &p->left[from];
+    uint32_t n = (uint32_t)(to - from);
     double sides[LEFT_CHUNK][3] = {{0}};
     for (uint64_t i = from; i < to; i++)
         for (uint32_t d = 0; d < p->run->s->dim; d++) {
@@ -61,10 +78,13 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
         }
     sweep_begin_tile(v, &hull);
     if (!sweep_begin_splat(v, &hull)) return false;
-    v->w->finder.lost = lost;
+    v->w->finder.lost = lost, v->w->finder.parts_gone = 0;
+    memset(v->w->sink.gone, 0, sizeof v->w->sink.gone);
     v->w->sink.coincide.apart = p->apart, v->w->sink.coincide.no_kinks = true;
     v->w->sink.coincide.tied = v->w->finder.tied = p->apart ? p->run->tied : NULL;
     v->w->finder.ties = p->apart != NULL;
+    if (p->cuts && !left_cut(v, first, from, n, done, seen)) return false;
+    v->w->finder.met = met; /* by near misses, too */
     for (uint64_t i = from; i < to && pool_stop_reason(&p->run->pool) == SLT_OK; i++) {
         const LeftCell *l = &p->left[i];
         v->left_bound += sweep_hidden(p, l);
@@ -72,18 +92,21 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
         uint64_t differ = v->differ;
         v->owner = (uint8_t)(i - from);
         if (!(l->stands > 0)) continue;
-        if (p->options.curves && !p->marches && !left_lines(v, l, p->lines, set)) return false;
+        if (p->options.curves && !p->marches && !done[i - from] && !left_lines(v, l, p->lines, set)) return false;
         if (p->options.volume) left_samples(v, l, p->lines, set), note_unit(v, l);
-        seen[i - from] = p->marches || v->differ != differ; /* march.c has asked already */
+        seen[i - from] |= p->marches || v->differ != differ; /* march.c has asked already */
     }
     near_flush(v->w);
     finder_run(&v->w->finder, true);
     if (v->w->sink.misses) thin_flush_cells(v->w, sides, p->lines);
+    v->w->finder.met = NULL;
+    for (uint32_t i = 0; i < n; i++) done[i] |= seen[i] || met[i];
+    if (p->hides && !left_cut(v, first, from, n, done, seen)) return false;
+    take_gone(v);
     v->w->finder.lost = NULL, v->w->sink.coincide.apart = NULL, v->w->finder.ties = false;
     v->w->sink.coincide.tied = v->w->finder.tied = NULL;
-    if (p->marches && !left_curves(v, &p->left[from], (uint32_t)(to - from), false)) return false;
-    if (p->errors && p->options.curves && !left_hidden(v, &p->left[from], (uint32_t)(to - from), seen, lost))
-        return false;
+    if (p->marches && !left_curves(v, first, n, false)) return false;
+    if (p->errors && p->options.curves && !left_hidden(v, first, n, seen, lost)) return false;
     accum_close(&v->w->acc);
     return !(v->w->finder.failed || v->w->sink.failed || v->w->acc.failed);
 }
@@ -93,6 +116,7 @@ static void left_merge(void *user, uint32_t worker, uint64_t chunk) {
     SweepWorker *v = &p->worker[worker];
     (void)chunk;
     p->left_bound += v->left_bound;
+    for (uint32_t c = 0; c < p->run->s->channels; c++) p->gone[c] += v->gone[c];
     p->differ += v->differ - v->differ0, p->unseen += v->unseen - v->unseen0;
     SumMode mode = p->marches && !p->sampled ? SUM_CURVES : p->run->s->dim == 1 ? SUM_LINE : SUM_SETS;
     sweep_merge_sums(p, v, p->errors ? mode : SUM_ONE, left_divisor(v));
@@ -104,6 +128,14 @@ static double face(const Box *b, uint32_t dim) {
     double m = 1, shortest = HUGE_VAL;
     for (uint32_t d = 0; d < dim; d++) m *= b->end[d] - b->lo[d], shortest = fmin(shortest, b->end[d] - b->lo[d]);
     return shortest > 0 ? m / shortest : 0;
+}
+
+/* Would a curve through all cells be of any length? Around points they are many and small. */
+static bool may_hide(const Sweep *p) {
+    uint32_t dim = p->run->s->dim;
+    double sum = 0;
+    for (uint64_t i = 0; i < p->nleft; i++) sum += face(&p->left[i].box, dim);
+    return p->options.curves && p->errors && !p->marches && sum > LEFT_SHORT * pow(p->volume, 1 - 1.0 / dim);
 }
 
 /* What so many lines along both axes of a cell cost: their vertices, and two crossings on each. */
@@ -227,6 +259,10 @@ SltStatus sweep_work_off_left(Sweep *p, uint64_t start) {
     plan_lines(p, (double)used, spare);
     if (p->options.curves && !p->marches && !make_apart(p)) return status_fail(r->err, SLT_LIMIT, "out of memory");
     p->first_chunk = 0;
+    p->hides = may_hide(p);
+    p->cuts = p->hides && left_hides(&p->worker[0], LEFT_HIDES * (double)used);
+    began = r->stats.evaluations;
+    if (p->worker[0].failed) st = status_fail(r->err, SLT_LIMIT, "out of memory");
     for (uint32_t k = p->marches || !p->budget ? PARTS - 1 : 0; k < PARTS && st == SLT_OK; k++) {
         uint64_t to = k + 1 < PARTS ? (uint64_t)(upto[k] * (double)chunks) : chunks, from = p->first_chunk;
         used = r->stats.evaluations - start;

@@ -178,20 +178,21 @@ void accum_close(Accum *a) {
     for (uint32_t i = 0; i < a->n; i++) {
         AdjointBuffer *buf = &a->buf[i];
         buf->ntouched = 0;
-        if (!buf->dirty) continue;
-        for (uint32_t k = 0; k < a->nblocks; k++) {
+        for (uint32_t k = 0; k < a->nblocks && buf->dirty; k++) {
             uint32_t p0 = a->blocks[k], p1 = p0 + ACCUM_BLOCK < a->s->nfloats ? p0 + ACCUM_BLOCK : a->s->nfloats;
             void *block = buf->adj + a->stride * p0;
             if (untouched(block, a->stride * (p1 - p0))) continue;
-            if (a->s->f64) sum_f64(block, lanes, p1 - p0, buf->sum + p0);
-            else sum_f32(block, lanes, p1 - p0, buf->sum + p0);
+            double few[ACCUM_BLOCK], *sums = a->folded.slot ? few : buf->sum + p0;
+            if (a->s->f64) sum_f64(block, lanes, p1 - p0, sums);
+            else sum_f32(block, lanes, p1 - p0, sums);
             memset(block, 0, a->stride * (p1 - p0));
-            buf->touched[buf->ntouched++] = p0;
+            if (a->folded.slot) a->failed |= !accum_fold(a, i, p0, few, p1 - p0);
+            else buf->touched[buf->ntouched++] = p0;
         }
+        if (a->folded.slot) a->failed |= !accum_fold_log(a, i);
         buf->dirty = false;
     }
     a->infinite = false;
-    if (a->folded.slot) a->failed |= !accum_fold(a);
 }
 
 /* Behind the last buffer are no rows: an index there is none. */

@@ -64,7 +64,7 @@ void accum_leave_out(Accum *a, uint32_t n);
  */
 bool accum_folds(Accum *a);
 bool accum_fold_log(Accum *a, uint32_t which);
-bool accum_fold(Accum *a);
+bool accum_fold(Accum *a, uint32_t which, uint32_t first, const double *sums, uint32_t n);
 void accum_unfold(Accum *a); /* what was folded has been taken over */
 
 #endif

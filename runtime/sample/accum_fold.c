@@ -56,18 +56,11 @@ bool accum_fold_log(Accum *a, uint32_t which) {
     return true;
 }
 
-bool accum_fold(Accum *a) {
-    for (uint32_t i = 0; i < a->n; i++) {
-        AdjointBuffer *b = &a->buf[i];
-        for (uint32_t t = 0; t < b->ntouched; t++)
-            for (uint32_t p = b->touched[t]; p < b->touched[t] + ACCUM_BLOCK && p < a->s->nfloats; p++) {
-                if (b->sum[p] == 0) continue;
-                double *sum = sums_of(a, p);
-                if (!sum) return false;
-                sum[i] += b->sum[p];
-            }
-        b->ntouched = 0;
-        if (!accum_fold_log(a, i)) return false;
+bool accum_fold(Accum *a, uint32_t which, uint32_t first, const double *sums, uint32_t n) {
+    for (uint32_t k = 0; k < n; k++) {
+        double *sum = sums[k] != 0 ? sums_of(a, first + k) : NULL;
+        if (sum) sum[which] += sums[k];
+        else if (sums[k] != 0) return false;
     }
     return true;
 }

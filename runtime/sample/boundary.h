@@ -33,6 +33,7 @@ typedef struct Boundary {
     bool misses;            /* SINK_REVERSE: after those a target for what is missed (thin.h) */
     const Windows *windows; /* NULL: the whole domain */
     bool any_sign;          /* each crossing counts with a random sign */
+    uint64_t boxes;         /* lines of `windows` are cut by bounds, for so many boxes; 0: they are not */
 } Boundary;
 /* The boundary term by the job's estimator; nothing where the program has none. */
 SltStatus boundary_run(Boundary *y, SinkKind kind);
@@ -57,6 +58,10 @@ SltStatus windows_run(Run *r, Boundary *y, double *sum, double *crossings);
 /* unmet.c: adds what small things weigh that no line has met (of sites that are 0 in r->met), and that bounds lead to,
  * to the estimate of what is missed and to the error, [channels][nfloats]. */
 SltStatus unmet_add(Run *r, const Boundary *of, double *missed, double *error);
+
+/* between.c: where a few lines, cut by bounds, meet more than they met before, that is missed by all: it takes the
+ * place of what is known to be missed, and is added to the error, [channels][nfloats]. */
+SltStatus between_add(Run *r, const Boundary *of, uint32_t replicates, double *missed, double *error);
 
 /* finer.c: about how many crossings lines that are eight times finer meet and those of an integral's replicates do not;
  * 0 where they meet about the same. */

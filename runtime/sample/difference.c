@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "runtime/base/rng.h"
 #include "runtime/geometry/geometry.h"
 #include "runtime/sample/alloc.h"
 #include "runtime/sample/bars.h"
@@ -167,6 +168,34 @@ static SltStatus integral_differences(const SltScene *s, const SltJob *j, uint32
     return st;
 }
 
+/* By how much f differs in its domain, at a few places: jumps of it are about as large. */
+static SltStatus find_range(const SltScene *s, const SltJob *j, double range[SLT_MAX_CHANNELS], SltStats *stats,
+                            SltError *err) {
+    enum { PLACES = 64 };
+    double x[PLACES * 3], f[PLACES * SLT_MAX_CHANNELS];
+    for (uint32_t i = 0; i < PLACES * s->dim; i++) {
+        uint32_t d = i % s->dim, word[4];
+        rng_block(j->seed, RNG_POINT, 1, i, word);
+        x[i] = s->lo[d] + rng_unit(word[0]) * (s->hi[d] - s->lo[d]);
+    }
+    SltStatus st = slt_estimate_points(s, j, PLACES, x, NULL, f, stats, err);
+    for (uint32_t c = 0; c < s->channels && st == SLT_OK; c++) {
+        double lo = HUGE_VAL, hi = -HUGE_VAL;
+        for (uint32_t i = 0; i < PLACES; i++)
+            if (isfinite(f[i * s->channels + c]))
+                lo = fmin(lo, f[i * s->channels + c]), hi = fmax(hi, f[i * s->channels + c]);
+        range[c] = hi > lo ? hi - lo : 0;
+    }
+    return st;
+}
+
+/* No sample of any replicate has changed. */
+static bool is_zero(const double *v, uint32_t n, uint32_t channels, uint32_t c) {
+    bool zero = true;
+    for (uint32_t i = 0; i < n; i++) zero &= v[i * channels + c] == 0;
+    return zero;
+}
+
 SltStatus difference_integral(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err) {
     uint32_t n = j->replicates ? j->replicates : 4, channels = s->channels;
     bool few = n > 1 && (j->samples + n - 1) / n < BARS_FEWEST;
@@ -174,8 +203,11 @@ SltStatus difference_integral(const SltScene *s, const SltJob *j, SltIntegral *o
     double *up = alloc_zero((size_t)n * channels, sizeof *up), *down = alloc_zero((size_t)n * channels, sizeof *down),
            *wide = alloc_zero((size_t)n * channels, sizeof *wide),
            *arrays[] = {out->gradient, out->gradient_stderr, out->interior, out->boundary, out->missed_estimate};
+    double range[SLT_MAX_CHANNELS] = {0}, volume = 1;
     SltStatus st =
         up && down && wide ? integrals(s, j, n, up, stats, err) : status_fail(err, SLT_LIMIT, "out of memory");
+    for (uint32_t d = 0; d < s->dim; d++) volume *= s->hi[d] - s->lo[d];
+    if (st == SLT_OK && s->nsites && out->gradient_stderr) st = find_range(s, j, range, stats, err);
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
         if (arrays[i]) memset(arrays[i], 0, size * sizeof **arrays);
     for (uint32_t c = 0; c < channels && st == SLT_OK; c++) {
@@ -195,6 +227,9 @@ SltStatus difference_integral(const SltScene *s, const SltJob *j, SltIntegral *o
             spread(up, n, channels, c, &mean, &error);
             spread(wide, n, channels, c, &other, &ignored);
             if (out->gradient_stderr) error = few ? HUGE_VAL : hypot(error, (other - mean) / 3);
+            /* Where f jumps, one of the samples may have been near to changing. */
+            if (is_zero(up, n, channels, c) && is_zero(wide, n, channels, c))
+                error += range[c] * volume / (double)j->samples / (2 * h);
             if (out->gradient) out->gradient[(uint64_t)c * s->nfloats + p] = mean;
             if (out->gradient_stderr) out->gradient_stderr[(uint64_t)c * s->nfloats + p] = error;
         }

@@ -113,6 +113,7 @@ SltStatus slt_estimate_forward(const SltScene *s, const SltJob *j, uint32_t ndir
         if (st == SLT_OK && !j->no_boundary) st = boundary_run(&y, SINK_FORWARD);
         /* A few are steep for other reasons. */
         if (4 * r.rims > r.steep) r.stats.singular = (double)r.rims / (double)r.steep;
+        run_forget_few(&r);
         r.stats.seconds_boundary = pool_now() - t;
     }
     run_end(&r, stats);
@@ -121,7 +122,7 @@ SltStatus slt_estimate_forward(const SltScene *s, const SltJob *j, uint32_t ndir
 }
 
 /* ---- reverse */
-enum { PARTS_MOST = 1 << 12 }; /* parameters whose parts are looked at tile by tile */
+enum { PARTS_MOST = 1 << 12, PARTS_EVER = 1 << 18 }; /* parameters whose parts are looked at tile by tile; at all */
 
 /* Adds the sums of n interleaved parts to total, and to variance that of the total as if the parts were independent:
  * they repel each other, so this is an upper bound. */
@@ -176,8 +177,8 @@ static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const 
         memory &= (part[c] = alloc_zero(s->nfloats, sizeof **part)) != NULL;
     if (classes > 1) memory &= (missed = alloc_zero(s->nfloats, sizeof *missed)) != NULL;
     if (halves && !j->no_boundary) memory &= (mean = malloc(size * sizeof *mean)) != NULL;
-    if (classes > 1 && (halves || s->uses_rand) && s->nfloats <= PARTS_MOST)
-        memory &= parts_init(&tiles, s->nfloats), parts = &tiles;
+    if (classes > 1 && (halves || s->uses_rand) && s->nfloats <= PARTS_EVER)
+        memory &= parts_init(&tiles, s->nfloats, s->nfloats > PARTS_MOST), parts = &tiles;
     if (parts && halves && !j->no_boundary) memory &= (noise = noise_of(adjoint, size)) != NULL;
     memset(gradient, 0, s->nfloats * sizeof *gradient);
     if (stderr_bound) memset(stderr_bound, 0, s->nfloats * sizeof *stderr_bound);
@@ -189,6 +190,7 @@ static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const 
         double *targets[2 * COSETS];
         for (uint32_t c = 0; c < 2 * COSETS; c++) targets[c] = part[parts && halves ? 0 : c % classes];
         st = interior_reverse(&r, adjoint, classes, targets, parts, parts ? parts_of : (PartsOf){0});
+        if (st == SLT_OK && parts && parts->whole) parts_settle(parts, &parts_of, targets);
     }
     if (st == SLT_OK && classes > 1) combine(part, classes, gradient, parts ? NULL : stderr_bound, s->nfloats);
     r.stats.seconds_interior = pool_now() - t, t = pool_now();
@@ -212,6 +214,7 @@ static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const 
                       .parts_of = {.spread = apart ? own : 0, .noise = noise ? own + 1 : 0},
                       .targets = targets};
         st = boundary_run(&y, SINK_REVERSE);
+        if (st == SLT_OK && parts && parts->whole) parts_settle(parts, &y.parts_of, targets);
         if (st == SLT_OK && classes > 1) combine(part, own, gradient, apart ? NULL : stderr_bound, s->nfloats);
         of = y, of.classes = classes, of.parts = NULL, of.noise[0] = NULL;
     }
@@ -222,6 +225,7 @@ static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const 
     mask_inactive(s, gradient), mask_inactive(s, stderr_bound);
     for (uint32_t c = 0; c < classes && classes > 1; c++) free(part[c]);
     free(mean), free(noise), free(missed), parts_free(&tiles);
+    run_forget_few(&r);
     run_end(&r, stats);
     return st;
 }
@@ -244,6 +248,12 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
     return weighted(s, j, adjoint, NULL, gradient, stderr_bound, stats, err);
 }
 
+/* Errors that too few samples or lines cannot tell. */
+static void unknown_errors(const SltScene *s, double *error, uint64_t n, bool components) {
+    for (uint64_t i = 0; i < n && error; i++)
+        if (!components || !s->active || s->active[i % s->nfloats]) error[i] = HUGE_VAL;
+}
+
 SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *target, const float *mask, double *loss,
                             double *gradient, double *stderr_bound, float *image, SltStats *stats, SltError *err) {
     SltStatus st = need_image(j, "a loss", err);
@@ -255,8 +265,8 @@ SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *tar
         return quadrature_loss(s, j, target, mask, loss, gradient, image, stats, err);
     /* Exact pixels have no variance, and need no halves. One sample a pixel has no second half: the adjoint comes from
      * the same sample, and the loss is biased by the variance of the image. */
-    bool halves =
-        j->spp > 1 && !j->centred && !(j->estimator == SLT_EST_QUADRATURE && j->interior != SLT_INTERIOR_SAMPLES);
+    bool exact = j->centred || (j->estimator == SLT_EST_QUADRATURE && j->interior != SLT_INTERIOR_SAMPLES),
+         halves = j->spp > 1 && !exact;
     uint64_t pixels = 1;
     for (uint32_t d = 0; d < s->dim; d++) pixels *= j->size[d];
     uint64_t n = pixels * s->channels;
@@ -289,6 +299,7 @@ SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *tar
         SltStats seen = stats ? *stats : (SltStats){0};
         st = weighted(s, j, adjoint, least, gradient, stderr_bound, stats, err);
         if (stats) stats->truncated = seen.truncated, stats->asserts = seen.asserts; /* the same samples again */
+        if (st == SLT_OK && !halves && !exact) unknown_errors(s, stderr_bound, s->nfloats, true);
     }
     free(half[0]), free(half[1]), free(least);
     return st;
@@ -297,12 +308,6 @@ SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *tar
 /* ---- integral */
 static bool wants_gradient(const SltIntegral *out) {
     return out->gradient || out->gradient_stderr || out->interior || out->boundary || out->missed_estimate;
-}
-
-/* Errors that too few samples or lines cannot tell. */
-static void unknown_errors(const SltScene *s, double *error, uint64_t n, bool components) {
-    for (uint64_t i = 0; i < n && error; i++)
-        if (!components || !s->active || s->active[i % s->nfloats]) error[i] = HUGE_VAL;
 }
 
 /* Lines may meet what all samples have missed, a shell of a millionth of the domain: these then agree, and know no
@@ -405,26 +410,34 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
             if (isnan(out->gradient_stderr[i]) && isfinite(out->gradient[i])) out->gradient_stderr[i] = HUGE_VAL;
         out->replicates = true;
     }
+    if (s->followed) *s->followed = (double)r.followed / k.n;
     free(k.value), free(k.interior), free(k.boundary), free(k.missed), free(k.half), free(k.sketch);
     tails_free(&tails);
+    run_forget_few(&r);
     run_end(&r, stats);
     return st;
 }
 
-bool slt_estimate_has_unmet(const SltScene *s) {
-    return s->met && s->nsites && s->met[s->nsites] && memchr(s->met, 0, s->nsites) && !s->uses_rand;
-}
+bool slt_estimate_by_lines(const SltScene *s) { return s->met && s->nsites && s->met[s->nsites] && !s->uses_rand; }
 
-SltStatus slt_estimate_unmet(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
+bool slt_estimate_has_unmet(const SltScene *s) { return slt_estimate_by_lines(s) && memchr(s->met, 0, s->nsites); }
+
+SltStatus slt_estimate_hidden(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
+    enum { REPLICATES = 4 };
     SltJob j = *job;
     Run r;
     j.integral = true;
-    if (!slt_estimate_has_unmet(s) || !out->gradient_stderr || !s->kernel[SLT_K_BOUNDS]) return SLT_OK;
+    if (!slt_estimate_by_lines(s) || !out->gradient_stderr || !s->kernel[SLT_K_BOUNDS]) return SLT_OK;
     SltStatus st = run_begin(&r, s, &j, err);
-    Boundary of = {.run = &r, .segments = segments_of(&j) / 4, .classes = 1};
+    Boundary of = {.run = &r, .segments = segments_of(&j) / REPLICATES, .classes = 1};
     r.met = s->met;
-    if (st == SLT_OK) st = unmet_add(&r, &of, out->missed_estimate, out->gradient_stderr);
-    run_end(&r, stats);
+    if (st == SLT_OK && slt_estimate_has_unmet(s)) st = unmet_add(&r, &of, out->missed_estimate, out->gradient_stderr);
+    r.met = NULL;
+    if (st == SLT_OK && !j.max_evaluations) /* a number that is given is obeyed */
+        st = between_add(&r, &of, REPLICATES, out->missed_estimate, out->gradient_stderr);
+    SltStats own = SLT_STATS_INIT;
+    run_end(&r, &own);
+    if (stats) stats->evaluations += own.evaluations; /* all else is as it was */
     return st;
 }
 

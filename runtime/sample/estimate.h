@@ -69,23 +69,28 @@ typedef struct SltScene {
     const uint8_t *site_ties;   /* [nsites]: 1 where g hangs on a choice that parameters alone make; NULL: none */
     const SltTwins *twins;      /* [ntwins] */
     uint32_t ntwins;
-    bool still;                     /* what is no site does not move */
-    uint32_t nedges;                /* sites, then seams, which only `bounds` and the edge kernels know */
-    const uint8_t *edge_kind;       /* [nedges]: SltSiteKind */
-    const uint8_t *edge_upsets;     /* [nedges]: SltUpset; NULL: none */
-    const uint8_t *edge_bends;      /* [nedges]: 1 for a minimum, maximum or absolute value; NULL: none */
-    uint8_t *met;                   /* [nsites + 1]: lattices of integrals set what lines have met to 1, and the last,
-                                       as they were asked; NULL: nobody wants to know */
-    const uint32_t *edge_line;      /* [nedges]: of the source; NULL: not known */
-    bool flat;                      /* between edges neither f nor its derivatives change with the position */
-    bool told;                      /* and they are the same wherever the hash is: seams do not jump */
-    uint32_t nlists;                /* loops with lists, [Cull] loops first: lengths of SltKernelArgs.cull, .note */
-    const uint32_t *list_count;     /* [nlists]: iterations of each */
-    const uint8_t *list_noted;      /* [nlists]: 1 where `bounds` notes which of them can matter; NULL: nowhere */
+    bool still;                 /* what is no site does not move */
+    uint32_t nedges;            /* sites, then seams, which only `bounds` and the edge kernels know */
+    const uint8_t *edge_kind;   /* [nedges]: SltSiteKind */
+    const uint8_t *edge_upsets; /* [nedges]: SltUpset; NULL: none */
+    const int8_t *edge_argmin;  /* [nedges]: the sign of g with which an iteration takes over, of loops around it
+                                   that keep one alone, of the least key: they carry nothing else; 0: no such edge.
+                                   NULL: none */
+    const uint8_t *edge_bends;  /* [nedges]: 1 for a minimum, maximum or absolute value; NULL: none */
+    double *followed;           /* lattices of integrals: crossings of a replicate found along fingers; NULL likewise */
+    uint8_t *met;               /* [nsites + 1]: lattices of integrals set what lines have met to 1, and the last,
+                                   as they were asked; NULL: nobody wants to know */
+    const uint32_t *edge_line;  /* [nedges]: of the source; NULL: not known */
+    bool flat;                  /* between edges neither f nor its derivatives change with the position */
+    bool told;                  /* and they are the same wherever the hash is: seams do not jump */
+    uint32_t nlists;            /* loops with lists, [Cull] loops first: lengths of SltKernelArgs.cull, .note */
+    const uint32_t *list_count; /* [nlists]: iterations of each */
+    const uint8_t *list_noted;  /* [nlists]: 1 where `bounds` notes which of them can matter; NULL: nowhere */
     const struct SltChunks *chunks; /* of prune and pruned (saltus/chunks.h); NULL: the program has no use for them */
     bool chunked; /* bounds and the edge kernels are in chunks too: its choices are edges behind all others */
     int follow;   /* fingers are followed from line to line of a lattice: 0 never, 1 but not rays in images, 2 always */
     bool uses_rand;
+    bool frugal;         /* whoever asks takes many steps, and bears noise: SLT_EST_AUTO spends what the lattice does */
     uint64_t tape_bytes; /* a lane, the largest of all kernels */
     uint32_t ncull;
     SltKernel *const *cull_bounds;               /* [ncull]: kernels of kind CULL, by [Cull] loop */
@@ -151,10 +156,11 @@ SltStatus slt_estimate_points(const SltScene *s, const SltJob *j, uint64_t n, co
 
 /* See SltIntegral; as if job.integral were set. */
 SltStatus slt_estimate_integral(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err);
-/* Afterwards, where s->met is: what small things weigh that no line has met is added to the estimate of what is missed
- * and to the errors. Wants the kernel `bounds`. */
+/* Afterwards, where s->met is: what lines step over, and what small things weigh that no line has met, is added to the
+ * estimate of what is missed and to the errors. Wants the kernel `bounds`. */
+bool slt_estimate_by_lines(const SltScene *s); /* is the answer that of lines? */
 bool slt_estimate_has_unmet(const SltScene *s);
-SltStatus slt_estimate_unmet(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err);
+SltStatus slt_estimate_hidden(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err);
 
 /* The crossing nearest to a on the segment from a to b, if any. */
 SltStatus slt_estimate_crossing(const SltScene *s, const double a[3], const double b[3], uint32_t stream,

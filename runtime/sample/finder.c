@@ -14,6 +14,7 @@
 
 #include "runtime/sample/prove.h"
 #include "runtime/sample/search.h"
+#include "runtime/sample/thin.h"
 
 bool finder_init(Finder *f, Batch *b) {
     memset(f, 0, sizeof *f);
@@ -134,6 +135,7 @@ void finder_drop_part(Finder *f, SltDrop reason, const Segment *s, int32_t site)
     SltPlace at = {.known = true, .stream = s->stream, .rand0 = s->rand0};
     if (site >= 0 && (uint32_t)site < f->s->nsites) at.site = (uint32_t)site + 1;
     segment_at(s, s->ta, at.x), segment_at(s, s->tb, at.beyond);
+    if (reason != SLT_DROP_STATIC) f->parts_gone += s->base;
     drop(f, reason, s->owner, &at);
 }
 
@@ -401,6 +403,8 @@ static uint32_t accept(Finder *f, const Item *it, double lo, double hi, Mark bef
         finder_drop_part(f, SLT_DROP_NOT_FINITE, &it->s, it->event.site);
         return UINT32_MAX;
     }
+    if (f->met) f->met[it->s.owner] = true;
+    f->followed += it->s.thin == THIN_FOUND;
     bool tied = f->tied && f->tied[it->event.site],
          several = f->ties && before.hash != after.hash && !search_has_depth(f->s); /* decisions, may be */
     if (!jumps && !((tied || several) && has_silent(f))) return UINT32_MAX;

@@ -107,7 +107,9 @@ struct Finder {
     uint64_t *order;
     uint64_t crossings, segments, dropped[SLT_DROP_REASONS]; /* counts */
     SltPlace dropped_at[SLT_DROP_REASONS];                   /* the least of those places */
-    Sizes kept, gone;     /* of the crossings that have a weight, and of those that were dropped for the want of one */
+    Sizes kept, gone;  /* of the crossings that have a weight, and of those that were dropped for the want of one */
+    uint64_t followed; /* crossings that were found along fingers: follow.h */
+    double parts_gone; /* what the lines stand for of parts that were dropped: where f jumps by nobody knows how much */
     uint64_t steep, rims; /* crossings beside which f is steep, and of these a small power of the distance */
     bool *lost;           /* set by owner where a crossing was dropped; NULL: nobody asks */
     /* prove.h. `proves`: parts between alike ends are not believed; prove_classes: their crossings get a cls, 1 for
@@ -116,10 +118,14 @@ struct Finder {
     uint32_t nalike, alike_cap;
     uint64_t unproven; /* parts of the least length that bounds left open */
     bool proves, prove_classes;
-    bool ties;       /* crossings at which regions differ and f does not are wanted too: Crossing.silent */
-    bool coarse;     /* rays in an image: a root to 2^-9 of a segment, less than a hundredth of a pixel, will do */
-    bool halve_only; /* as Belhe et al. search: bisection on the hash down to 2^-15 */
-    bool failed;     /* memory ran out */
+    bool finest;          /* they are cut down to a few floats, for no more than */
+    uint64_t prove_boxes; /* this many boxes; */
+    bool *open, *met; /* set by owner where a part was given up that touches none, and where a crossing was found; NULL:
+                         nobody asks */
+    bool ties;        /* crossings at which regions differ and f does not are wanted too: Crossing.silent */
+    bool coarse;      /* rays in an image: a root to 2^-9 of a segment, less than a hundredth of a pixel, will do */
+    bool halve_only;  /* as Belhe et al. search: bisection on the hash down to 2^-15 */
+    bool failed;      /* memory ran out */
 };
 /* How well roots are known, in parts of a segment. */
 static inline double root_tolerance(bool coarse) { return coarse ? 0x1p-9 : 0x1p-15; }

@@ -18,12 +18,15 @@ SltStatus windows_run(Run *r, Boundary *y, double *sum, double *crossings) {
     for (uint32_t c = 0; c < 3 * r->s->channels; c++) targets[c] = sum + (uint64_t)c * r->s->nfloats;
     y->targets = targets, y->replicates = 1;
     Sizes kept = r->kept, gone = r->gone;
+    double along[SLT_MAX_CHANNELS], parts = r->parts_gone;
+    memcpy(along, r->gone_along, sizeof along);
     SltStats before = r->stats;
     r->kept = (Sizes){0};
     SltStatus st = boundary_run(y, SINK_INTEGRAL);
     *crossings = (double)r->kept.n;
     before.evaluations = r->stats.evaluations;
-    r->stats = before, r->kept = kept, r->gone = gone;
+    r->stats = before, r->kept = kept, r->gone = gone, r->parts_gone = parts;
+    memcpy(r->gone_along, along, sizeof along);
     return st;
 }
 

@@ -19,7 +19,7 @@ enum {
 enum { ROUNDED_G = 64 /* in double precision there is room for brackets on which g is more than rounding */ };
 #define CHANGES 1e-3 /* of what f changes by in all: so much it does from place to place if it is singular, */
 #define ALIKE 0.76   /* and by no smaller part less from one to the next: a distance to the power of 0.4 */
-#define STEEP 0x1p-15 /* a change on the bracket that matters, in parts of the jump: as much on the segment as the jump */
+#define STEEP 0x1p-18 /* a change on the bracket that matters, in parts of the jump: an eighth of it on the segment */
 
 static double unit(const SltScene *s) { return s->f64 ? DBL_EPSILON : (double)FLT_EPSILON; }
 

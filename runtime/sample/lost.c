@@ -1,6 +1,7 @@
 /* What crossings that could not be integrated weigh: as much, one by one, as those that could; those of which it is
- * known what f jumps by, as much more or less as that is. f may change there by no more than it does everywhere: its
- * decisions differ, and nobody sees what they decide.
+ * known what f jumps by, as much more or less as that is; for a parameter that moves none of those, as if it moved
+ * them by as much as itself. f may change there by no more than it does everywhere: its decisions differ, and nobody
+ * sees what they decide.
  *
  * The sum of what the others weigh, jumps of both signs alike, is not that of the derivative: of a disc's centre the
  * two halves of its edge cancel. The lines run once more with random signs: the mean square of such sums is the sum of
@@ -11,6 +12,8 @@
 
 #include "runtime/sample/alloc.h"
 #include "runtime/sample/boundary.h"
+
+#define NOTHING 1e-9 /* of what moves most: rounding makes as much */
 
 /* Static sites have a warning of their own, coinciding boundaries are integrated. */
 static uint64_t lost_of(const SltStats *s) {
@@ -34,6 +37,15 @@ static double number_lost(const Run *r) {
     return fmax(all - (double)r->gone.n, 0) + r->gone.sum / (r->kept.sum / (double)r->kept.n);
 }
 
+/* What they weigh if they move by 1 as a parameter does: where nothing that was found tells how fast. Where it is not
+ * known by how much f jumps, by as much as elsewhere. */
+static void weigh_unknown(const Run *r, bool adjoint, uint32_t replicates, double most[SLT_MAX_CHANNELS]) {
+    for (uint32_t c = 0; c < r->s->channels; c++) {
+        double usual = adjoint ? 0 : r->kept.n ? r->kept.by[c] / (double)r->kept.n : 1;
+        most[c] = (r->gone_along[c] + usual * r->parts_gone) / replicates;
+    }
+}
+
 /* The sums of one run of the lines with random signs, squared, added to `squares`. */
 static SltStatus add_squares(Run *r, Boundary *y, uint32_t n, uint64_t size, double *sums, double *squares) {
     double *targets[ACCUMS];
@@ -51,7 +63,8 @@ SltStatus lost_add(Run *r, const Boundary *of, uint32_t replicates, const Missed
     uint64_t size = (uint64_t)(of->adjoint ? 1 : channels) * r->s->nfloats, lost = lost_of(&r->stats),
              kept = kept_of(&r->stats);
     if ((!lost && !missed) || !error) return SLT_OK;
-    double missing = number_lost(r);
+    double missing = number_lost(r), unknown[SLT_MAX_CHANNELS];
+    weigh_unknown(r, of->adjoint != NULL, replicates, unknown);
     double *sums = alloc_zero((uint64_t)n * r->s->nfloats + size, sizeof *sums);
     if (!sums) return status_fail(r->err, SLT_LIMIT, "out of memory");
     double *squares = sums + (uint64_t)n * r->s->nfloats;
@@ -64,11 +77,14 @@ SltStatus lost_add(Run *r, const Boundary *of, uint32_t replicates, const Missed
     }
     uint64_t evaluations = r->stats.evaluations;
     r->stats = before, r->stats.evaluations = evaluations;
+    double largest = 0;
+    for (uint64_t p = 0; p < size; p++) largest = fmax(largest, squares[p]);
     /* One replicate of n has kept / n crossings, and its sum is that of the whole boundary. */
     for (uint64_t p = 0; p < size; p++) {
         if (r->s->active && !r->s->active[p % r->s->nfloats]) continue;
         double found = sqrt((double)kept / replicates * squares[p] / replicates);
-        error[p] += kept ? missing / (double)kept * found : HUGE_VAL;
+        bool tells = squares[p] > NOTHING * NOTHING * largest;
+        error[p] += !kept ? HUGE_VAL : tells ? missing / (double)kept * found : unknown[p / r->s->nfloats];
         double most = missed && kept ? missed->number / (double)kept * found : 0;
         if (most <= 0 || most <= fabs(missed->told[p])) continue;
         error[p] += most - fabs(missed->told[p]);

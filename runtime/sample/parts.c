@@ -7,8 +7,9 @@
 #include "runtime/sample/bars.h"
 #include "runtime/sample/parts.h"
 
-bool parts_init(Parts *p, uint32_t nfloats) {
-    *p = (Parts){.nfloats = nfloats, .sum = alloc_zero((PARTS_SUMS + 2) * (uint64_t)nfloats, sizeof *p->sum)};
+bool parts_init(Parts *p, uint32_t nfloats, bool whole) {
+    *p = (Parts){
+        .nfloats = nfloats, .whole = whole, .sum = alloc_zero((PARTS_SUMS + 2) * (uint64_t)nfloats, sizeof *p->sum)};
     p->variance = p->sum ? p->sum + (uint64_t)PARTS_SUMS * nfloats : NULL;
     p->square = p->sum ? p->variance + nfloats : NULL;
     return p->sum != NULL;
@@ -28,13 +29,21 @@ static double spread_of(double *const *part, uint32_t n, uint32_t i) {
     return v * n / (n - 1);
 }
 
-void parts_merge(Parts *p, Accum *a, const PartsOf *of, double *const *targets) {
+static uint32_t count(const PartsOf *of) { return of->pairs ? 2 * of->pairs : of->spread; }
+
+/* Where the sums of buffers go, of which the first n may be others'. */
+static void find_targets(const Parts *p, const PartsOf *of, double *const *targets, uint32_t n, double **to) {
+    uint32_t parts = count(of);
+    for (uint32_t c = 0; c < n; c++) to[c] = targets[c];
+    for (uint32_t c = 0; c < parts; c++) to[c] = p->sum + (uint64_t)c * p->nfloats;
+    for (uint32_t c = 0; c < PARTS_NOISE && of->noise; c++)
+        to[of->noise + c] = p->sum + (uint64_t)(parts + c) * p->nfloats;
+}
+
+void parts_settle(Parts *p, const PartsOf *of, double *const *targets) {
     double *to[ACCUMS];
-    uint32_t n = of->pairs ? 2 * of->pairs : of->spread;
-    for (uint32_t c = 0; c < a->n; c++) to[c] = targets[c];
-    for (uint32_t c = 0; c < n; c++) to[c] = p->sum + (uint64_t)c * p->nfloats;
-    for (uint32_t c = 0; c < PARTS_NOISE && of->noise; c++) to[of->noise + c] = p->sum + (uint64_t)(n + c) * p->nfloats;
-    accum_merge(a, to);
+    uint32_t n = count(of);
+    find_targets(p, of, targets, 0, to);
     for (uint32_t i = 0; i < p->nfloats; i++) {
         double pairs = 0, noise = 0;
         for (uint32_t c = 0; c < of->pairs; c++) pairs += pow(to[2 * c][i] - to[2 * c + 1][i], 2);
@@ -45,6 +54,13 @@ void parts_merge(Parts *p, Accum *a, const PartsOf *of, double *const *targets) 
             noise += to[c][i] * to[c][i], to[c][i] = 0;
         if (of->noise) add(p, i, noise, PARTS_NOISE);
     }
+}
+
+void parts_merge(Parts *p, Accum *a, const PartsOf *of, double *const *targets) {
+    double *to[ACCUMS];
+    find_targets(p, of, targets, a->n, to);
+    accum_merge(a, to);
+    if (!p->whole) parts_settle(p, of, targets);
 }
 
 /* Degrees of freedom by Satterthwaite 1946: those of one tile, as many of each where all weigh alike. */

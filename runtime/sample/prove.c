@@ -56,14 +56,16 @@ void prove_add(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b
     part->state = SEARCH_ROOT;
 }
 
-/* The least part of this segment: PROVE_LEAST, or a few units in the last place of the position. */
+/* The least part of this segment: PROVE_LEAST, or a few units in the last place of the position. Beside a crossing no
+ * less than roots are known to. */
 static double least(const Finder *f, const Segment *s) {
     double len = 0, mag = 0;
     for (uint32_t d = 0; d < f->s->dim; d++) {
         len = fmax(len, fabs(s->b[d] - s->a[d]));
         mag = fmax(mag, fmax(fabs(s->a[d]), fabs(s->b[d])));
     }
-    return fmax(PROVE_LEAST, 8 * (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len);
+    double usual = !f->finest ? PROVE_LEAST : s->touches ? root_tolerance(f->coarse) : 0;
+    return fmax(usual, 8 * (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len);
 }
 
 /* Touching a crossing, a part is not settled: the box is that of its far half. */
@@ -90,11 +92,17 @@ static void halve(Finder *f, Segment *part, uint32_t n) {
         Mark a = s->ma, e = s->mb, m = batch_mark(b, i);
         /* What the last halving finds is about what the next ones would. */
         if (f->prove_classes) s->cls = mid - ta <= least(f, s);
+        s->fine = f->finest; /* what it holds may be as narrow as the part */
         s->touches = touches & TOUCH_B;
         search_push(f, s, mid, tb, m, e, SEARCH_ROOT);
         s->touches = touches & TOUCH_A;
         search_push(f, s, ta, mid, a, m, SEARCH_ROOT);
     }
+}
+
+static void give_up(Finder *f, const Segment *s) {
+    f->unproven++;
+    if (f->open && !s->touches) f->open[s->owner] = true;
 }
 
 void prove_run(Finder *f, bool all) {
@@ -103,6 +111,11 @@ void prove_run(Finder *f, bool all) {
     while (f->nalike && !f->failed && (all || f->nalike >= FIND)) {
         uint32_t n = f->nalike < FIND ? f->nalike : FIND, kept = 0, open = 0;
         f->nalike -= n;
+        if (f->finest && f->prove_boxes < n) { /* there are none to spare */
+            for (uint32_t i = 0; i < n; i++) give_up(f, &f->alike[f->nalike + i]);
+            continue;
+        }
+        f->prove_boxes -= f->finest ? n : 0;
         for (uint32_t i = 0; i < n; i++) {
             const Segment *s = &f->alike[f->nalike + i];
             double ta, tb;
@@ -123,7 +136,7 @@ void prove_run(Finder *f, bool all) {
             else if (settled && s->touches == TOUCH_B) prove_add(f, s, mid, s->tb, s->ma, s->mb);
             else if (settled) continue;
             else if (s->tb - s->ta > least(f, s)) part[open++] = *s;
-            else f->unproven++;
+            else give_up(f, s);
         }
         if (open) halve(f, part, open);
     }

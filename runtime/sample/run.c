@@ -115,11 +115,20 @@ void run_collect(Run *r, Worker *w) {
     t->crossings += w->finder.crossings, w->finder.crossings = 0;
     sizes_add(&r->kept, &w->finder.kept), w->finder.kept = (Sizes){0};
     sizes_add(&r->gone, &w->finder.gone), w->finder.gone = (Sizes){0};
+    for (uint32_t c = 0; c < r->s->channels; c++) r->gone_along[c] += w->sink.gone[c], w->sink.gone[c] = 0;
+    r->parts_gone += w->finder.parts_gone, w->finder.parts_gone = 0;
+    r->followed += w->finder.followed, w->finder.followed = 0;
     r->steep += w->finder.steep, r->rims += w->finder.rims, w->finder.steep = w->finder.rims = 0;
     for (int d = 0; d < SLT_DROP_REASONS; d++) {
         t->dropped[d] += w->finder.dropped[d], w->finder.dropped[d] = 0;
         place_least(&t->dropped_at[d], &w->finder.dropped_at[d]), w->finder.dropped_at[d] = (SltPlace){0};
     }
+}
+
+void run_forget_few(Run *r) {
+    enum { FEW = 1000 };
+    uint64_t *coincident = &r->stats.dropped[SLT_DROP_COINCIDENT];
+    if (*coincident * FEW <= r->stats.crossings) *coincident = 0;
 }
 
 bool worker_vertices(Worker *w, uint64_t n) {

@@ -47,10 +47,12 @@ struct Run {
     Apart *apart;  /* for coincide.c; NULL: boundaries that coincide are not looked for */
     uint8_t *tied; /* [sites]: twins.c; NULL: no site has a twin, or it was not asked so far */
     bool tied_known;
-    uint8_t *met;     /* [sites]: 1 where lines have met a crossing; NULL: nobody asks */
-    SltStats stats;   /* counts of the tiles merged so far */
-    Sizes kept, gone; /* likewise; see Finder */
+    uint64_t followed; /* crossings found along fingers */
+    uint8_t *met;      /* [sites]: 1 where lines have met a crossing; NULL: nobody asks */
+    SltStats stats;    /* counts of the tiles merged so far */
+    Sizes kept, gone;  /* likewise; see Finder */
     uint64_t steep, rims;
+    double gone_along[SLT_MAX_CHANNELS], parts_gone; /* likewise: Sink.gone, Finder.parts_gone */
     SltError *err;
     double start; /* by pool_now() */
 };
@@ -59,6 +61,10 @@ PoolOptions pool_of_job(const SltJob *j, uint32_t threads);
 SltStatus run_begin(Run *r, const SltScene *s, const SltJob *j, SltError *err);
 /* Adds the run's counts to `stats` (may be NULL) and frees everything. */
 void run_end(Run *r, SltStats *stats);
+/* After lines: where few of their crossings told of boundaries that coincide they are not counted as such: edges that
+ * are almost one, as of faces seen at a grazing angle, lie nearer to each other than parameters were moved. What these
+ * may err by is stated all the same. */
+void run_forget_few(Run *r);
 /* to may be NULL. stats_of_cells: only the members about cells, which are not added up. */
 void stats_add(SltStats *to, const SltStats *s);
 void stats_of_cells(SltStats *to, const SltStats *s);

@@ -17,7 +17,7 @@ bool sink_init(Sink *k, SinkKind kind, Batch *b, Accum *acc, Finder *f, const Gr
 
 void sink_free(Sink *k) {
     free(k->order), free(k->kept), free(k->thin), free(k->doubt);
-    coincide_free(&k->coincide);
+    coincide_free(&k->coincide), apart_free(k->far);
     splat_free(&k->splat);
     memset(k, 0, sizeof *k);
 }
@@ -110,11 +110,26 @@ static double steepness(const Crossing *c, uint32_t dim) {
     return isfinite(steep) ? steep : 0;
 }
 
+/* A crossing without a weight. */
+static void drop(Sink *k, SltDrop reason, const Crossing *c) {
+    uint32_t channels = k->b->s->channels;
+    double a[SLT_MAX_CHANNELS];
+    finder_drop(k->f, reason, c);
+    if (k->kind == SINK_REVERSE) grid_gather(k->grid, k->adjoint, channels, c->x, a);
+    for (uint32_t ch = 0; ch < channels; ch++)
+        if (k->kind == SINK_REVERSE) k->gone[0] += fabs(c->base * a[ch] * c->jump[ch]);
+        else k->gone[ch] += fabs(c->base * c->jump[ch]);
+}
+
 /* At a root where g is flat on one side, or its slope 0 or infinite, the ends of the bracket may have a gradient, and
  * the ratios of its components are those of the boundary: the crossing moves to the end where g is steeper. Crossings
  * at[0..n), n <= FIND. */
 static void weigh_ends(Sink *k, Crossing *c, const uint64_t *order, const uint32_t *at, uint32_t n, bool *keep) {
     Batch *b = k->b;
+    const Crossing *failed[FIND];
+    SltDrop reasons[FIND];
+    bool stands[FIND];
+    uint32_t nfailed = 0;
     for (uint32_t i = 0; i < 2 * n; i++) {
         Crossing *x = &c[(uint32_t)order[at[i / 2]]];
         sink_put(k, i, x);
@@ -128,13 +143,17 @@ static void weigh_ends(Sink *k, Crossing *c, const uint64_t *order, const uint32
         SltDrop reason;
         keep[at[i]] = weigh(k, &end[e], &reason);
         if (!keep[at[i]]) {
-            finder_drop(k->f, reason, x);
+            failed[nfailed] = x, reasons[nfailed++] = reason;
             continue;
         }
         memcpy(end[e].x, x->side[e], sizeof x->x);
         *x = end[e];
         finder_note_size(k->f, &k->f->kept, x);
     }
+    stands_find(k, failed, nfailed, stands);
+    for (uint32_t i = 0; i < nfailed; i++)
+        if (stands[i]) k->f->crossings--;
+        else drop(k, reasons[i], failed[i]);
 }
 
 void sink_weigh(Sink *k, Crossing *c, const uint64_t *order, uint32_t n, bool *keep) {
@@ -152,7 +171,7 @@ void sink_weigh(Sink *k, Crossing *c, const uint64_t *order, uint32_t n, bool *k
             continue;
         }
         if (x->bracket > 0) failed[nfailed++] = i;
-        else finder_drop(k->f, reason, x);
+        else drop(k, reason, x);
     }
     for (uint32_t from = 0; from < nfailed; from += FIND)
         weigh_ends(k, c, order, failed + from, nfailed - from < FIND ? nfailed - from : FIND, keep);
@@ -507,7 +526,9 @@ void sink_take_silent(void *sink, Crossing *c, uint32_t n) {
     Sink *k = sink;
     Finder *f = k->f;
     Finder before = *f; /* what cannot be weighed is no loss, for it would weigh nothing */
+    double gone[SLT_MAX_CHANNELS];
     bool keep[BATCH];
+    memcpy(gone, k->gone, sizeof gone);
     if (k->kind == SINK_KEEP) return;
     if (k->clip) n = clip(k, c, n);
     n = coincide_sift(k, c, n);
@@ -520,6 +541,7 @@ void sink_take_silent(void *sink, Crossing *c, uint32_t n) {
     memcpy(f->dropped, before.dropped, sizeof f->dropped);
     memcpy(f->dropped_at, before.dropped_at, sizeof f->dropped_at);
     f->lost = before.lost, f->kept = before.kept, f->gone = before.gone;
+    memcpy(k->gone, gone, sizeof gone);
     coincide_settle(k, c, k->order, keep, n);
     if (k->coincide.nparts) put_parts(k);
 }

@@ -58,6 +58,10 @@ struct Sink {
     bool misses; /* there are sums of what is missed: SINK_INTEGRAL, and as the last buffer SINK_REVERSE */
     bool clip;   /* drop crossings outside the domain, uncounted */
     bool failed; /* memory ran out */
+    Apart *far;  /* stands.c: parameters that have gone far; NULL: not needed so far */
+    /* Of crossings without a weight: |jump| times what their lines stand for; SINK_REVERSE: in [0], as the adjoint
+     * weighs it. */
+    double gone[SLT_MAX_CHANNELS];
 };
 bool sink_init(Sink *k, SinkKind kind, Batch *b, Accum *acc, Finder *f, const Grid *g);
 void sink_free(Sink *k);
@@ -75,6 +79,8 @@ void sink_put_missed(Sink *k, const Crossing *c, uint32_t n);
 /* g and its gradient at each of the crossings order[0..n), all of the batch's site, and the weight; false in keep[]
  * where a crossing cannot be integrated, which is counted. */
 void sink_weigh(Sink *k, Crossing *c, const uint64_t *order, uint32_t n, bool *keep);
+/* stands.c: which of n <= FIND crossings lie where f jumps whatever the parameters are? They weigh nothing. */
+void stands_find(Sink *k, const Crossing *const *c, uint32_t n, bool *stands);
 /* Calls to come see the parameters that the crossing's g has; NULL: those of the scene. */
 void sink_move(Sink *k, const Crossing *c);
 /* Sets the inputs of a site kernel to the crossing's place and event. */

@@ -1,4 +1,5 @@
 """What `auto` takes: its bars are not twice those of the lattice where the lattice is right, nor those of the lattice where cells are exact."""
+import math
 import unittest
 
 from harness import *
@@ -112,6 +113,28 @@ class Cells(Case):
             j = self.json_cli("grad", "s.salt", "--integral", "--precision", "f64", "--estimator", estimator)
             self.assertLessEqual(j["evaluations"], 2000000)
             self.assertLessEqual(abs(j["gradient"]["v"][0][0] + .575), 2 * j["stderr"]["v"][0][0])
+
+
+class Fits(Case):
+    """Steps that bear noise want more steps, not better ones: in a fit auto spends what the lattice does."""
+
+    def evaluations(self, source, *arguments):
+        self.put("s.salt", source)
+        return [self.json_cli("fit", "s.salt", "--size", 96, "--spp", 8, "--iters", 1, "--target", "t.exr", "--estimator", estimator, *arguments)["evaluations"]
+                for estimator in ("auto", "lattice")]
+
+    def test_price(self):
+        self.put("t.salt", "shader float main(float2 x) { return x.x; }")
+        self.run_cli("render", "t.salt", "--size", 96, "-o", "t.exr")
+        self.put("grid.npy", write_npy((48, 48, 1), [math.sin(.15 * i + .3 * math.sin(.1 * j)) * math.sin(.1 * j + 1) + .1 for i in range(48) for j in range(48)]))
+        grid = "param texture2D grid = \"grid.npy\"; shader float main(float2 x) { float v = grid.sample(x).x; [Disc] if (v > 0.0) return 1.0; return 0.0; }"
+        auto, lattice = self.evaluations(grid)
+        self.assertLess(auto, 1.5 * lattice)  # cells take ten times as much
+        auto, lattice = self.evaluations(grid, "--optimizer", "lbfgs")  # which compares losses
+        self.assertGreater(auto, 5 * lattice)
+        disc = "param float r = 0.3; shader float main(float2 x) { float f = 0.0; [Disc] if (length(x - 0.5) < r) f = 1.0; return f; }"
+        auto, lattice = self.evaluations(disc)
+        self.assertLess(auto, 0.5 * lattice)
 
 
 if __name__ == "__main__":

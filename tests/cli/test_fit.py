@@ -59,6 +59,20 @@ class Fit(Case):
         self.assertIn("--lr 0.5 changes nothing", self.run_cli("fit", "scene.json", "--lr", "0.5", "--samples", 64).err)
         self.assertEqual(self.run_cli("fit", "scene.json", "--samples", 64).err, "")
 
+    def test_nothing_moves(self):
+        """A fit that no parameter can reach says so; one that is at its target does not."""
+        shader = "param float r = %s; shader float main(float2 x) { float f = 0.0; %s if (length(x - 0.5) < r) f = 1.0; return f; }"
+        self.put("d.salt", shader % ("0.3", "[Disc]"))
+        self.run_cli("render", "d.salt", "--size", 16, "--spp", 64, "-o", "t.exr")
+        args = ("--target", "t.exr", "--iters", 3)
+        for begin, tag in (("-0.3", "[Disc]"), ("0.2", "[NoDisc]")):
+            self.put("n.salt", shader % (begin, tag))
+            self.assertIn("nothing moved", self.run_cli("fit", "n.salt", *args).err)
+        self.assertNotIn("nothing moved", self.run_cli("fit", "d.salt", *args, "--param", "r=0.25").err)
+        self.put("k.salt", "param float a = 0.5; shader float main(float2 x) { return a; }")
+        self.run_cli("render", "k.salt", "--size", 4, "-o", "k.exr")
+        self.assertEqual(self.run_cli("fit", "k.salt", "--target", "k.exr", "--iters", 2).err, "")
+
     def test_seeds(self):
         args = ("fit", "e.salt", "--target", "t.exr", "--iters", 6)
         alone = [self.json_cli(*args, "--seed", k)["loss"] for k in (2, 3, 4, 5)]
@@ -111,7 +125,7 @@ class Fit(Case):
         self.run_cli("fit", "e.salt", "--target", "none.exr", code=4)
 
     def strip(self, j):
-        j.pop("seconds")
+        j.pop("seconds"), j.pop("evaluations")
         j.pop("outputs")
         return j
 
@@ -210,6 +224,25 @@ class Scene(Case):
         self.assertEqual(j["params"]["gain"], 1)
         self.assertTrue(os.path.exists(self.path("s/out/fitted.json")))
         self.assertEqual(self.fit(0, "--iters", 3).json["iterations"], 3)
+
+    def test_parts_left_out(self):
+        """"grad": false of a field of all elements, of an element, of a component."""
+        self.put("s/p.salt", "struct Disc { float2 centre; float radius; };\nparam Disc d[2] = { { float2(0.3), 0.2 }, { float2(0.7), 0.2 } };\nparam float3 c = float3(1.0, 0.5, 0.2);\n"
+                 "shader float3 main(float2 x) { float3 f = 0.0; for (int i = 0; i < 2; i++) { [Disc] if (length(x - d[i].centre) < d[i].radius) f = c; } return f; }\n")
+        self.run_cli("render", "s/p.salt", "--size", 16, "--spp", 16, "--param", "c=.8,.3,.3", "--param", "d[0].radius=.25", "--param", "d[1].radius=.25", "-o", "s/t.exr")
+        for params, still in (({"d[*].centre": {"grad": False}}, "d[0].centre d[1].centre"), ({"d": {"grad": True}, "d[1]": {"grad": False}}, "d[1] c"),
+                              ({"c.y": {"grad": False}, "d[0].radius": {"grad": False}}, "c.y d[0].radius"), ({"d": {"grad": False}, "d[*].radius": {"grad": True}}, "d[0].centre d[1].centre c")):
+            self.scene = {"shader": "p.salt", "spp": 4, "target": "t.exr", "params": params, "optimizer": {"iters": 2}}
+            j = self.fit().json["params"]
+            was = {"d": [{"centre": [0.3, 0.3], "radius": 0.2}, {"centre": [0.7, 0.7], "radius": 0.2}], "c": [1, 0.5, 0.2]}
+            for part in ("d[0].centre", "d[1].centre", "d[0].radius", "d[1].radius", "c.y"):
+                def value(of):
+                    if part == "c.y":
+                        return [f32(of["c"][1])]
+                    v = of["d"][int(part[2])][part[5:]]
+                    return [f32(k) for k in (v if isinstance(v, list) else [v])]
+                held = any(part.startswith(k) for k in still.split())
+                (self.assertEqual if held else self.assertNotEqual)(value(j), value(was), (part, params))
 
     def test_unknown_keys(self):
         for where, key, near in ((self.scene, "shadr", "shader"), (self.scene["views"][0], "taget", "target"), (self.scene["optimizer"], "iter", "iters"), (self.scene["params"]["r"], "smoth", "smooth")):

@@ -215,6 +215,33 @@ class Bits(Case):
             seen = {json.dumps(self.strip(self.run_cli("grad", "c.salt", "--json", "--samples", 5000, "--estimator", e, "--threads", t).out)) for t in (1, 2, 5)}
             self.assertEqual(len(seen), 1, e)
 
+    def test_long_arrays(self):
+        """Threads write parts of them, which go out in order."""
+        n = 9000
+        self.put("l.salt", "struct S { float2 c; int tag; float q; }; S none(int i) { S s = { float2(0.0), i, 0.0 }; return s; } param S s[%d] = init(none);"
+                 "shader float main(float2 x) { float f = 0.0; for (int i = 0; i < %d; i++) f += float(s[i].tag) * s[i].q + 0.1 * s[i].c.y; return f; }" % (n, n))
+        out = [self.run_cli("grad", "l.salt", "--integral", "--json", "--samples", 16, "--precision", "f64", "--threads", t).out for t in (1, 2, 5)]
+        cut = [text[:text.index('"seconds"')] for text in out]
+        self.assertEqual(cut[0], cut[1])
+        self.assertEqual(cut[0], cut[2])
+        s = json.loads(out[1])["gradient"]["s"]
+        self.assertEqual(len(s), n)
+        for i in range(n):
+            self.assertAlmostEqual(s[i]["q"], i, delta=1e-9 * n)
+            self.assertEqual(s[i]["c"][0], 0)
+            self.assertAlmostEqual(s[i]["c"][1], 0.1, delta=1e-12)
+
+    def test_first_look_at_long_loops(self):
+        """Threads share the boxes that say whether cells pay."""
+        n = 5000
+        self.put("l.salt", "float3 at(int i) { return float3(frac(0.618034 * float(i)), float(i) / %d.0, 0.004); } param float3 disc[%d] = init(at);"
+                 "shader float main(float2 x) { float f = 0.0; for (int i = 0; i < %d; i++) { float2 d = x - disc[i].xy; [Disc] if (dot(d, d) < disc[i].z * disc[i].z) f = 1.0; } return f; }" % (n, n, n))
+        out = [self.run_cli("grad", "l.salt", "--integral", "--json", "--estimator", "quadrature", "--error", 1e-2, "--precision", "f64", "--threads", t).out for t in (1, 2, 3)]
+        cut = [text[:text.index('"seconds"')] for text in out]
+        self.assertEqual(cut[0], cut[1])
+        self.assertEqual(cut[0], cut[2])
+        self.assertEqual(json.loads(out[0])["certified"], 1)
+
 
 class Images(Case):
     def test_layers(self):
@@ -261,7 +288,12 @@ shader float main(float2 x) { float s = 0.0; for (int i = 0; i < 40; i++) { [Dis
     def test_other_formats(self):
         self.put("c.salt", CIRCLE)
         self.run_cli("grad", "c.salt", "--size", "8x4", "--wrt", "radius", "-o", "g.npy")
-        self.assertEqual(read_npy(self.get("g.npy"))[0][:2], (4, 8))
+        shape, v = read_npy(self.get("g.npy"))
+        self.assertEqual(shape, (4, 8, 3))  # the image, its derivative, crossings
+        self.run_cli("grad", "c.salt", "--size", "8x4", "--wrt", "radius", "-o", "g.exr")
+        layers = read_exr(self.get("g.exr"))[1]
+        for k, name in enumerate(("Y", "d.radius.Y", "crossings.Y")):
+            self.assertEqual([f32(a) for a in v[k::3]], [f32(a) for row in layers[name] for a in row], name)
         self.run_cli("grad", "c.salt", "--size", 8, "-o", "no/g.exr", code=5)
         self.run_cli("grad", "c.salt", "--size", 8, "-o", "g.gif", code=2)
 
@@ -314,6 +346,11 @@ class Losses(Case):
         self.assertAlmostEqual(j["loss"], 0.2510, delta=3e-3)
         r = self.run_cli("grad", "k.salt", "--size", 8, "--target", "t.png")
         self.assertIn("resized", r.err)
+        r = self.run_cli("grad", "k.salt", "--target", "t.png", "--json")  # which decides the size
+        self.assertNotIn("resized", r.err)
+        self.assertEqual(r.json["loss"], j["loss"])
+        self.put("a.npy", write_npy((2, 3, 3), [1.0] * 18))
+        self.assertAlmostEqual(self.json_cli("grad", "k.salt", "--adjoint", "a.npy")["gradient"]["a"], 18, delta=1e-4)
 
 
 class Bars(Case):
@@ -443,6 +480,31 @@ class Check(Case):
                  "    return i < 60 ? 60.0 * g[i] : 0.04 * (g[60] + 0.9 * g[61] + 0.8 * g[62]) * w; }\n")
         rows = self.json_cli("check", "a.salt", "--samples", 16384, code=None)["rows"]
         self.assertEqual([r["param"] for r in rows[:3]], ["g[60]", "g[61]", "g[62]"])
+
+    def test_what_happens_within_a_step(self):
+        """Where cells of a mosaic meet other neighbours within a step, two steps differ by as little as one: a quarter of the step is asked before a row fails."""
+        self.put("v.salt", "const int N = 30;\nfloat fill(int i) { return rand(); }\nparam float p[5 * N] = init(fill);\nshader float3 main(float2 x) {\n"
+                 "    float3 c = 0.0;\n    float least = INFINITY;\n    for (int i = 0; i < N; i++) {\n        float2 q = float2(p[5 * i], p[5 * i + 1]);\n"
+                 "        [Disc] if (length(x - q) < least) { least = length(x - q); c = float3(p[5 * i + 2], p[5 * i + 3], p[5 * i + 4]); }\n    }\n    return c;\n}\n")
+        for arguments in (), ("--step", 0.0024):
+            (row,) = self.json_cli("check", "v.salt", "--wrt", "p[41]", *arguments)["rows"]
+            self.assertLess(abs(row["z"]), 2)
+        self.assertEqual(row["step"], 0.0024)
+        # A derivative that is wrong fails by a quarter of the step as well.
+        self.put("w.salt", "param float r = 0.3;\nshader float main(float2 x) { float f = 0.0; [Disc] if (length(x - 0.5) < detach(r)) f = 1.0; return f + sin(30.0 * r) / 30.0; }")
+        self.run_cli("check", "w.salt", code=1)
+
+    def test_random_direction(self):
+        """It goes up the slope: of a grid of noise the sum towards all sides is smaller than its error. What lines miss adds up, it is no noise."""
+        for dim, size, at in ((2, 24, "g[i.y][i.x]"), (3, 12, "g[i.z][i.y][i.x]")):
+            float_d, int_d = "float%d" % dim, "int%d" % dim
+            corners = " + ".join("%s * %s" % (at.replace("i.", "j%d." % k), " * ".join(("w.%s" if k >> d & 1 else "(1.0 - w.%s)") % "xyz"[d] for d in range(dim))) for k in range(2 ** dim))
+            moved = "".join("%s j%d = i + %s(%s); " % (int_d, k, int_d, ", ".join(str(k >> d & 1) for d in range(dim))) for k in range(2 ** dim))
+            self.put("n.salt", "const int N = %d;\nfloat start(%s) { return rand() - 0.5; }\nparam float g%s = init(start);\nshader float main(%s x) {\n    [NoDisc] %s i = clamp(%s(x * (N - 1.0)), %s(0), %s(N - 2));\n    %s w = x * (N - 1.0) - %s(i);\n    %s\n    [Disc] if (%s > 0.0) return 1.0;\n    return 0.0;\n}\n"
+                     % (size, ", ".join("int %s" % c for c in "abc"[:dim]), "[N]" * dim, float_d, int_d, int_d, int_d, int_d, float_d, float_d, moved, corners))
+            row = self.json_cli("check", "n.salt", "--samples", 65536)["rows"][-1]
+            self.assertIn("random direction", row["param"])
+            self.assertGreater(row["ad"], 2 * row["error"])
 
 
 class Explain(Case):

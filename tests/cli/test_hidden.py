@@ -32,6 +32,61 @@ class Hidden(Case):
         self.assertLess(abs(j["gradient"]["w"] - 8 * math.pi * 0.36), 2 * j["stderr"]["w"])
         self.assertLess(j["stderr"]["w"], 0.03)
 
+    def test_ridges_of_flat_functions(self):
+        """Of what is flat but beside a ridge of 1e-5, no slope tells where: the functions around the ridge are taken to the level."""
+        c, s = math.cos(0.7), math.sin(0.7)
+        line = ("float u = %r * (x.x - 0.07) + %r * (x.y + 0.04); float v = %r * (x.x - 0.07) - %r * (x.y + 0.04); " % (c, s, s, c), "v * v < a * a && ", 2 * 0.31, 2)
+        ring = ("float u = length(x - float2(0.05, -0.14)) - a; ", "", 2 * math.pi * 0.31, 2 * math.pi)
+        half = {"tanh(u * u / (w * w)) < 0.6": math.sqrt(math.atanh(0.6)), "exp(-u * u / (w * w)) > t": math.sqrt(math.log(1 / 0.3)),
+                "1.0 / (1.0 + u * u / (w * w)) > t": math.sqrt(7 / 3), "smoothstep(w, 0.0, abs(u)) > 0.5": 0.5,
+                "1.0 - k * exp(-abs(u) / w) < 0.5": math.log(2), "atan(u / w) * atan(u / w) < 0.5": math.tan(math.sqrt(0.5)),
+                "pow(abs(u / w), 1.5) < t": 0.3 ** (2 / 3)}
+        for n, (condition, h) in enumerate(half.items()):
+            before, within, length, more = (line, ring)[n % 2]
+            for precision in "f32", "f64":
+                with self.subTest(condition, precision=precision):
+                    self.put("r.salt", "param float w = 2e-5; param float a = 0.31; param float t = 0.3; param float k = 1.0; [Domain(-1.0, 1.0)] "
+                             "shader float main(float2 x) { %s float f = 0.2; [Disc] if (%s%s) f += 5.0; return f; }" % (before, within, condition))
+                    j = self.json_cli("grad", "r.salt", "--integral", "--precision", precision)
+                    for name, want in (("w", 10 * h * length), ("a", 10 * h * 2e-5 * more)):
+                        self.assertLess(abs(j["gradient"][name] - want), 1e-3 * want + 4 * j["stderr"][name])
+                        self.assertLess(j["stderr"][name], 0.05 * want)
+                    self.assertGreater(j["certified"], 0.9999)
+
+    def test_ridges_of_any_function(self):
+        """The level changes along the ridge, so that nothing can be taken to it, and g is flat but beside it: lines through what cells
+        leave over, and a few of those of the lattice, are cut by bounds."""
+        level = lambda x: math.sqrt(-math.log(0.3 + 0.1 * x))
+        c, s, n = math.cos(0.7), math.sin(0.7), 400
+        line = sum(0.62 / n * 2 * level(0.07 + s * (-0.31 + (i + 0.5) * 0.62 / n)) for i in range(n))
+        ring = sum(0.62 * math.pi / n * 2 * level(0.07 + 0.31 * math.cos(2 * math.pi * i / n)) for i in range(n))
+        turned = "float u = %r * (x.x - 0.07) + %r * (x.y + 0.04); float v = %r * (x.x - 0.07) - %r * (x.y + 0.04);" % (c, s, s, c)
+        for before, within, truth, estimators in ((turned, "v * v < 0.31 * 0.31 && ", line, ("auto",)),
+                                                  ("float u = length(x - float2(0.07, -0.11)) - 0.31;", "", ring, ("quadrature", "lattice"))):
+            for width in 2e-5, 1e-6:
+                self.put("r.salt", "param float w = %r; [Domain(-1.0, 1.0)] shader float main(float2 x) { %s float f = 0.2; "
+                         "[Disc] if (%sexp(-u * u / (w * w)) > 0.3 + 0.1 * x.x) f += 1.0; return f; }" % (width, before, within))
+                for estimator in estimators:
+                    with self.subTest(within=within, width=width, estimator=estimator):
+                        j = self.json_cli("grad", "r.salt", "--integral", "--precision", "f64", "--estimator", estimator, "--quiet")
+                        self.assertLess(abs(j["gradient"]["w"] - truth), 3 * j["stderr"]["w"])
+                        if estimator == "lattice":  # all is missed, and told
+                            self.assertIn("missed", [w["code"] for w in j["warnings"]])
+                            self.assertLess(j["stderr"]["w"], 2 * truth)
+                        else:
+                            self.assertLess(j["stderr"]["w"], 0.2 * truth)
+
+    def test_small_efforts(self):
+        """Seven boxes of 3e-5 by .08, of which few lines meet any: they are told."""
+        self.put("b.salt", "param float w = 1.3e-5; [Domain(-1.0, 1.0)] shader float main(float2 x) { float2 q = x - float2(-0.06, -0.04); float f = 0.3; "
+                 "for (int i = 0; i < 7; i++) { float2 p = float2(0.59 * q.x + 0.81 * q.y, 0.81 * q.x - 0.59 * q.y) - float2(0.1 * float(i) - 0.3, 0.05 * float(i) - 0.15); "
+                 "[Disc] if (max(abs(p.x), abs(p.y) - 0.04) < w) f += 7.0; } return f; }")
+        for estimator in "auto", "lattice":
+            for seed in 1, 2, 3:
+                with self.subTest(estimator=estimator, seed=seed):
+                    j = self.json_cli("grad", "b.salt", "--integral", "--precision", "f64", "--samples", 8192, "--seed", seed, "--estimator", estimator, "--quiet")
+                    self.assertLess(abs(j["gradient"]["w"] - 7.84), 4 * j["stderr"]["w"])
+
     def test_image(self):
         """A ring of 1e-4 in the gradient of an image, by default: the lattice, cheaper by far, sees nothing of it."""
         self.put("p.salt", "param float w = 1e-4; param float r = 0.5; [Domain(-1.0, 1.0)] shader float main(float2 x) "

@@ -487,6 +487,8 @@ shader float main(float2 x) {
         moved(-0.4, "--param", "a=1e-1")
         moved(8.0, "--param", "v=[1, 6, 3]")
         moved(8.0, "--param", "v=1,6,3")
+        moved(-2.75, "--param", "v=1.,.5,3.25")
+        moved(-2.75, "--param", "v=[1., .5, 3.25]")
         moved(8.0, "--param", "v.y=6")
         moved(1.0, "--param", "m[0][1]=3")
         moved(1.0, "--param", "m=[[1,3],[3,4]]")
@@ -655,6 +657,27 @@ shader float4 main(float2 x) {
         for v in ("nan", "inf", "0", "-1", "1e30"):
             r = self.run_cli("grad", "c.salt", "--json", "--samples", 1024, "--param", "radius=" + v)
             json.loads(r.out, parse_constant=lambda n: self.fail(n))
+
+
+class Sizes(Case):
+    def test_params_decide_the_size(self):
+        """Of a texture, as --param P=@FILE does: a fit that began with another grid writes parameters that others read."""
+        self.put("t.salt", "param texture2D t = zeros(2, 2, 1); param texture3D v = zeros(2, 2, 2, 1); shader float main(float2 x) { return t.sample(x).x * 1.0 + v.sample(float3(x, 0.5)).x; }")
+        self.put("d/a.npy", write_npy((3, 5, 1), [float(k) for k in range(15)]))
+        def mean(*args):
+            return self.json_cli("render", "t.salt", "--integral", "--samples", 4096, *args)["integral"][0]
+        want = mean("--param", "t=@d/a.npy")
+        self.put("d/p.json", json.dumps({"t": {"file": "a.npy"}}))
+        self.assertEqual(mean("--params", "d/p.json"), want)
+        rows = [[float(5 * j + i) for i in range(5)] for j in range(3)]
+        self.put("r.json", json.dumps({"t": rows}))
+        self.assertEqual(mean("--params", "r.json"), want)
+        self.put("v.json", json.dumps({"v": [rows, rows, rows]}))
+        self.assertAlmostEqual(mean("--params", "v.json"), want, delta=1e-5)
+        self.put("bad.json", json.dumps({"t": [[1, 2, 3], [1, 2]]}))
+        self.assertIn("t", self.run_cli("render", "t.salt", "--integral", "--params", "bad.json", code=4).err)
+        self.put("none.json", json.dumps({"t": {"file": "none.npy"}}))
+        self.assertIn("none.npy", self.run_cli("render", "t.salt", "--integral", "--params", "none.json", code=4).err)
 
 
 class Errors(Case):

@@ -33,6 +33,16 @@ class Slopes(Case):
                         self.assertLess(off, limit + (4e-8 * slope if precision == "f32" else 0))
                         self.assertLess(off, 2 * bar + 1e-6)
 
+    def test_jumps_that_nearly_cancel(self):
+        """Two ends of a narrow slit, in which f is a slight ramp: of the derivative by its place two jumps leave a third of one, and of straight edges
+        lines agree on it, however far off it is."""
+        self.put("p.salt", "param float c = 0.03; param float w = 0.01; [Domain(-1.0, 1.0)] shader float main(float2 x) { [Disc] if (abs(x.x - c) < 0.5 * w) return x.x; return 0.0; }")
+        for samples in (12, 14, 16, 18):
+            for seed in (1, 2):
+                j = self.json_cli("grad", "p.salt", "--integral", "--estimator", "lattice", "--precision", "f64", "--samples", "2^%d" % samples, "--seed", seed)
+                for p, want in {"c": 0.02, "w": 0.06}.items():
+                    self.assertLess(abs(j["gradient"][p] - want), 4 * j["stderr"][p] + 1e-10, (p, samples))
+
     def test_layers_beside_a_jump(self):
         """f falls from 1 to 0 so fast that points on either side of the layer see nothing of it: with the layer, the derivative is nearly 0."""
         layers = {"line": ("x.x - r", lambda k: 0), "disc": ("length(x) - r", lambda k: 2 * math.pi / k)}

@@ -41,7 +41,7 @@ class Views(Case):
         if code:
             return r
         j = r.json
-        j.pop("seconds"), j.pop("outputs")
+        j.pop("seconds"), j.pop("evaluations"), j.pop("outputs")
         return j
 
     def found(self, j):
@@ -59,6 +59,10 @@ class Views(Case):
         self.assertIn("belongs to", self.fit("--resume", "c.bin", code=4).err)
         self.scene["views"][1]["entry"] = "side"
         self.fit(code=2)
+        del self.scene["entry"]
+        self.assertIn("E0215", self.fit("--iters", 1, code=3).err)  # which is view 0 of?
+        self.scene["views"][0]["entry"], self.scene["views"][1]["entry"] = "top", "front"
+        self.fit("--iters", 1)
 
     def test_one_view(self):
         self.scene["target"] = self.scene.pop("views")[0]["target"]

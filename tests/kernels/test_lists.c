@@ -1,5 +1,7 @@
 /* Kernels with the lists that `bounds` makes, down a tree of boxes, against kernels without: f and its derivatives have
- * the same bits at every point of the box; `bounds` itself says the same of f, and keeps no more open.
+ * the same bits at every point of the box; `bounds` itself says the same of f, and keeps no more open. Of a loop that
+ * keeps the iteration with the least key lists lack those that took over and were not the last: `bounds` then knows
+ * better, and an iteration takes over wherever it did.
  *
  *   test-kernels-lists [rounds]    rounds: ways down the tree a program, 2 by default */
 #include <setjmp.h>
@@ -166,6 +168,8 @@ static void check_event(Case *t, const Box *q, const Event *e) {
         for (uint32_t d = 0; d <= s->dim; d++) {
             double a = out(t, &with, SLT_K_EDGE, d ? SLT_OUT_G_DX : SLT_OUT_G, d ? d - 1 : 0, i),
                    b = out(t, &without, SLT_K_EDGE, d ? SLT_OUT_G_DX : SLT_OUT_G, d ? d - 1 : 0, i);
+            int takes = s->edge_argmin ? s->edge_argmin[e->site] : 0;
+            if (takes && (d || !(takes * b > 0) || takes * a > 0)) continue;
             if (!same(a, b)) fail_msg("%s: g is %.17g with lists, %.17g without", t->name, a, b);
         }
 }
@@ -183,6 +187,7 @@ static void check_boxes(Case *t) {
             for (int end = 0; end < 2; end++) {
                 SltRole role = end ? SLT_OUT_F_HI : SLT_OUT_F_LO;
                 double a = out(t, &with, SLT_K_BOUNDS, role, c, i), b = out(t, &without, SLT_K_BOUNDS, role, c, i);
+                if (s->edge_argmin && (end ? a < b : a > b)) continue;
                 if (!same(a, b)) fail_msg("%s: a bound of f is %.17g with lists, %.17g without", t->name, a, b);
             }
         uint32_t a = (uint32_t)out(t, &with, SLT_K_BOUNDS, SLT_OUT_BOX_STATE, 0, i),
@@ -276,6 +281,31 @@ static const char nearest[] =
             "  for (int i = 0; i < 80; i++) { float2 v = x - dots[i].at; float d = dot(v, v);\n"
             "    [Disc] if (d < best) { best = d; c = dots[i].ink; } }\n"
             "  return c + best; }";
+/* The farthest, in rows, the last of equals: found by what others look up. Clustered, so that few are near. */
+static const char farthest[] =
+    SCATTER "shader float3 main(float2 x) { float most = -1.0; float3 c = float3(0.0); int k = 0;\n"
+            "  for (int j = 0; j < 20; j++) for (int i = 0; i < 4; i++) {\n"
+            "    float2 v = x - dots[4 * j + i].at * float2(0.25 * float(i), 1.0); float d = dot(v, v);\n"
+            "    [Disc] if (most <= d) { most = d; c = dots[4 * j + i].ink * x.x; k = j; } }\n"
+            "  return c + most + float(k); }";
+/* A grid of doubles: of equals the first counts. */
+static const char doubles[] =
+    SCATTER "shader float3 main(float2 x) { float best = 1e9; float3 c = float3(0.0);\n"
+            "  for (int i = 0; i < 80; i++) { float2 v = x - float2(0.25 * float(i % 5), 0.125 * float(i / 5 % 8));\n"
+            "    float d = abs(v.x) + abs(v.y); [Disc] if (d < best) { best = d; c = dots[i].ink; } }\n"
+            "  return c + best; }";
+/* What keeps one and is no argmin: by a key of what is carried; with a sum beside it, or what was kept before; the
+ * second nearest; under a condition. */
+#define KEEP(loop, what) "  for (int i = 0; i < 80; i++) { float2 v = x - dots[i].at; float d = dot(v, v)" loop what " }\n"
+static const char keepers[] = SCATTER
+    "shader float3 main(float2 x) { float a = 9.0; float b = 9.0; float c = 9.0; float e = 9.0; float m = 9.0;\n"
+    "  float n = 0.0; float old = 0.0; float next = 9.0; float3 p = float3(0.0); float3 q = p; float3 r = p;\n" KEEP(
+        " + 0.01 * p.x; ", "[Disc] if (d < a) { a = d; p = dots[i].ink; }")
+        KEEP("; ", "[Disc] if (d < b) { b = d; q = dots[i].ink; n += 1.0; }") KEEP(
+            "; ", "[Disc] if (d < c) { old = c; c = d; }")
+            KEEP("; ", "[Disc] if (d < e) { next = e; e = d; } else { [Disc] if (d < next) next = d; }") KEEP(
+                "; ",
+                "if (dots[i].ink.x < 0.5) { [Disc] if (d < m) { m = d; r = dots[i].ink; } }") "  return p + q + r + n + next - e + old; }";
 /* A union by a minimum, and a maximum; a colour and a number by a choice. */
 static const char extremes[] =
     SCATTER "shader float3 main(float2 x) { float d = 9.0; float far = -1.0; float g = 0.25; int top = -1;\n"
@@ -352,7 +382,9 @@ static void programs(void **state) {
     (void)state;
     check_lists("opaque", opaque, 0.03);
     check_lists("blended", blended, 0.05);
-    check_lists("nearest", nearest, 0.12);
+    check_lists("nearest", nearest, 0.02);
+    check_lists("farthest", farthest, 0.25);
+    check_lists("doubles", doubles, 0.05);
     check_lists("extremes", extremes, 0.12);
     check_lists("flags", flags, 0.05);
     check_lists("nested", nested, 0.05);
@@ -364,6 +396,31 @@ static void programs(void **state) {
     check_lists("swapped", swapped, 0.05);
     check_lists("many", many, 0.01);
     check_lists("scattered", scattered, 0.05);
+}
+
+/* By which edges a loop keeps one iteration: theirs is a sign of g. */
+static uint32_t argmins(const char *source) {
+    SltOptions o = SLT_OPTIONS_INIT;
+    SltProgram *p = NULL;
+    SltError err = {0};
+    bool needs[K_KINDS] = {[K_BOUNDS] = true};
+    o.interpret = true;
+    assert_int_equal(slt_compile_string(source, "argmins", &o, &p), SLT_OK);
+    assert_int_equal(api_kernels(p, needs, &err), SLT_OK);
+    uint32_t n = 0;
+    for (uint32_t e = 0; e < p->scene.nedges && p->scene.edge_argmin; e++) n += p->scene.edge_argmin[e] != 0;
+    slt_program_free(p);
+    return n;
+}
+
+static void keep_one(void **state) {
+    (void)state;
+    assert_int_equal(argmins(nearest), 1);
+    assert_int_equal(argmins(farthest), 1);
+    assert_int_equal(argmins(doubles), 1);
+    assert_int_equal(argmins(keepers), 0);
+    assert_int_equal(argmins(opaque), 0);
+    assert_int_equal(argmins(swapped), 0);
 }
 
 static void examples(void **state) {
@@ -494,7 +551,8 @@ static void promises(void **state) {
 
 int main(int argc, char **argv) {
     if (argc > 1) rounds = (uint32_t)atoi(argv[1]);
-    const struct CMUnitTest tests[] = {cmocka_unit_test(programs), cmocka_unit_test(examples),
-                                       cmocka_unit_test(random_loops), cmocka_unit_test(promises)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(programs), cmocka_unit_test(keep_one),
+                                       cmocka_unit_test(examples), cmocka_unit_test(random_loops),
+                                       cmocka_unit_test(promises)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -111,6 +111,44 @@ static void right_angle(void **state) {
     slt_program_free(p);
 }
 
+/* Curves of the second degree that are no circles: their points come from a closed form too. */
+static void other_quadrics(void **state) {
+    (void)state;
+    static const struct {
+        const char *source;
+        double want[5];
+    } list[] = {
+        {"param float2 c = float2(0.5137, 0.4871); param float2 r = float2(0.31, 0.12); param float k = 0.7;\n"
+         "shader float main(float2 x) { float f = 0.2; float2 v = (x - c) / r; v.y += k * v.x;\n"
+         "[Disc] if (dot(v, v) < 1.0) f = 0.9; return f; }",
+         {0, 0, 0.7 * 3.14159265358979324 * 0.12, 0.7 * 3.14159265358979324 * 0.31, 0}},
+        {"param float p = 0.17; param float s = 0.37;\n"
+         "shader float main(float2 x) { float f = 0.2; [Disc] if (x.x * x.y < p) f = 0.9;\n"
+         "[Disc] if (x.x + 2.0 * x.y < s) f = 0.5; return f; }",
+         {0.7 * 1.77195684193187529, -0.4 * 0.37 / 2}}, /* ln .17 */
+    };
+    for (size_t i = 0; i < sizeof list / sizeof *list; i++) {
+        SltOptions o = SLT_OPTIONS_INIT;
+        o.f64 = true;
+        SltProgram *p = NULL;
+        if (slt_compile_string(list[i].source, "quadric", &o, &p) != SLT_OK) fail_msg("%s", slt_diagnostics_text(p));
+        for (double error = 1e-3; error > 1e-10; error *= 1e-3) {
+            SltJob job = SLT_JOB_INIT;
+            job.integral = true, job.estimator = SLT_EST_QUADRATURE, job.error = error;
+            double got[5] = {0}, bar[5] = {0};
+            SltIntegral out = {.struct_size = sizeof out, .gradient = got, .gradient_stderr = bar};
+            SltStats stats = SLT_STATS_INIT;
+            SltError err = {0};
+            if (slt_grad_integral(p, &job, &out, &stats, &err) != SLT_OK) fail_msg("%s", err.text);
+            for (int k = 0; k < 5; k++)
+                if (!(fabs(got[k] - list[i].want[k]) <= fmin(error, bar[k] + 1e-12)))
+                    fail_msg("%zu, %d: %.12g, not %.12g; stated %g", i, k, got[k], list[i].want[k], bar[k]);
+            if (stats.left > 0) fail_msg("left %g", stats.left);
+        }
+        slt_program_free(p);
+    }
+}
+
 /* Parts of one disc in different pixels are not one: the loss of an image is that of its pixels, and, as these are
  * linear in the inks, so is what its derivatives in the inks add up to.
  * One sweep for image and derivatives says the same as one for each. */
@@ -148,6 +186,6 @@ static void image_of_discs(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(many_discs), cmocka_unit_test(right_angle),
-                                       cmocka_unit_test(image_of_discs)};
+                                       cmocka_unit_test(other_quadrics), cmocka_unit_test(image_of_discs)};
     return cmocka_run_group_tests_name("discs", tests, NULL, NULL);
 }

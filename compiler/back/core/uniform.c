@@ -4,6 +4,8 @@
  * lanes that are active at a value, so a value computed under a varying mask may still be uniform, and a carried value
  * of a loop stays uniform while lanes leave: those still inside agree. Where lanes of different histories meet (results
  * of a diverging if_ or loop) the value varies. */
+#include <string.h>
+
 #include "compiler/back/core/core.h"
 
 typedef struct Analysis {
@@ -159,8 +161,9 @@ static bool mark_dense(const Fn *fn, const Block *b, uint8_t *dense) {
         const Inst *at = i->args[0];
         uint32_t from = 0, to = i->imm.slot.count;
         if (at->op == OP_consti && at->imm.i >= 0 && at->imm.i < (int64_t)to) from = (uint32_t)at->imm.i, to = from + 1;
-        for (uint32_t p = from; p < to; p++) dense[i->imm.slot.base % fn->nfloats + p] = 1; /* in any row */
-        any |= from < to;
+        if (from >= to) continue;
+        memset(dense + i->imm.slot.base % fn->nfloats + from, 1, to - from); /* in any row */
+        any = true;
     }
     return any;
 }

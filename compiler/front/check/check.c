@@ -85,9 +85,41 @@ static void collect(const NameMap *m, Checker *c, const char **names, uint32_t *
     (void)c;
 }
 
+/* What GLSL, HLSL and Slang call things that have another name here. */
+static const char *elsewhere(const char *name) {
+    static const char *const words[][2] = {
+        {"mix", "lerp"},
+        {"fract", "frac"},
+        {"mod", "fmod"},
+        {"inversesqrt", "rsqrt"},
+        {"vec2", "float2"},
+        {"vec3", "float3"},
+        {"vec4", "float4"},
+        {"half", "float"},
+        {"half2", "float2"},
+        {"half3", "float3"},
+        {"half4", "float4"},
+        {"double", "float"},
+        {"ivec2", "int2"},
+        {"ivec3", "int3"},
+        {"mat2", "float2x2"},
+        {"mat3", "float3x3"},
+        {"mat4", "float4x4"},
+        {"Texture2D", "texture2D"},
+        {"Texture3D", "texture3D"},
+        {"sampler2D", "texture2D"},
+        {"sampler3D", "texture3D"},
+    };
+    for (size_t i = 0; i < sizeof words / sizeof *words; i++)
+        if (!strcmp(words[i][0], name)) return words[i][1];
+    return NULL;
+}
+
 const char *suggest(Checker *c, const char *name, bool types_only) {
     enum { ENOUGH = 100 };
     if (c->s->nerrors > ENOUGH) return ""; /* thousands of errors with thousands of names would take seconds */
+    const char *known = elsewhere(name);
+    if (known) return arena_printf(&c->s->session, ", which is `%s` here", known);
     ArenaMark mark = arena_mark(&c->s->scratch);
     enum { CAP = 4096 };
     const char **names = ARENA_ARRAY(&c->s->scratch, const char *, CAP);

@@ -93,6 +93,22 @@ static bool good_arguments(const Attr *a, const AttrRow *row) {
     return true;
 }
 
+/* Words of Slang and HLSL that ask for what is done anyway. */
+static bool is_needless(const char *name) {
+    static const char *const words[] = {"unroll",
+                                        "ForceUnroll",
+                                        "loop",
+                                        "branch",
+                                        "flatten",
+                                        "Differentiable",
+                                        "BackwardDifferentiable",
+                                        "ForwardDifferentiable",
+                                        "PreferRecompute"};
+    for (size_t i = 0; i < sizeof words / sizeof *words; i++)
+        if (!strcmp(words[i], name)) return true;
+    return false;
+}
+
 /* Looks one attribute up for a place; A_COUNT after reporting. `seen` has a bit an attribute. */
 static AttrId understand(Parser *p, const Attr *a, int where, const char *what, uint32_t *seen) {
     const char *names[A_COUNT];
@@ -102,8 +118,10 @@ static AttrId understand(Parser *p, const Attr *a, int where, const char *what, 
         if (!strcmp(table[i].name, a->name)) id = (AttrId)i;
     }
     if (id == A_COUNT) {
-        const char *near = suggest_nearest(a->name, names, A_COUNT);
-        if (!p->stopped)
+        const char *near = is_needless(a->name) ? NULL : suggest_nearest(a->name, names, A_COUNT);
+        if (is_needless(a->name) && !p->stopped)
+            diag_emit(p->s, DIAG_unknown_attribute, a->span, a->name, "; leave it out: nothing here needs to be told");
+        else if (!p->stopped)
             diag_emit(p->s, DIAG_unknown_attribute, a->span, a->name,
                       near ? arena_printf(&p->s->session, "; did you mean `%s`?", near) : "");
         return A_COUNT;

@@ -1,0 +1,43 @@
+/* What lines step over between two vertices, however thin: a few lines of their own are cut by bounds until nothing is
+ * open on their parts (prove.h), and what they meet then and did not meet before is what all lines miss. A line at
+ * which nothing hides gives the same twice, to the bit. */
+#include <math.h>
+#include <stdlib.h>
+
+#include "runtime/sample/alloc.h"
+#include "runtime/sample/boundary.h"
+
+enum { FEWEST = 12, MOST = 4096 /* vertices */, BOXES = 3 /* for each vertex, and */, BOXES_LEAST = 4096 };
+#define COST 0.02 /* of the vertices of all lines */
+#define SURE 2.0  /* where some were found along fingers: how many standard deviations the others are */
+
+SltStatus between_add(Run *r, const Boundary *of, uint32_t replicates, double *missed, double *error) {
+    const SltScene *s = r->s;
+    uint64_t size = (uint64_t)s->channels * s->nfloats;
+    double vertices = floor(pow(of->segments / s->dim, 1.0 / s->dim)), found[2] = {0};
+    double lines = COST * of->segments / s->dim * replicates / (s->dim * fmax(vertices, 1));
+    if (s->dim == 1 || s->ngeometries || s->uses_rand || !s->kernel[SLT_K_BOUNDS] || vertices < 2) return SLT_OK;
+    lines = pow(fmax(lines, FEWEST), 1.0 / (s->dim - 1));
+    Windows windows = {.n = 1, .lines = (uint32_t)ceil(lines), .vertices = (uint32_t)fmin(vertices, MOST)};
+    for (uint32_t d = 0; d < s->dim; d++) windows.side[d] = s->hi[d] - s->lo[d];
+    double *sum = alloc_zero(6 * size, sizeof *sum);
+    if (!sum) return status_fail(r->err, SLT_LIMIT, "out of memory");
+    SltStatus st = SLT_OK;
+    for (uint32_t cut = 0; cut < 2 && st == SLT_OK; cut++) {
+        Boundary y = *of;
+        y.windows = &windows;
+        if (cut) y.boxes = BOXES_LEAST + BOXES * s->dim * (uint64_t)(pow(windows.lines, s->dim - 1) * vertices);
+        st = windows_run(r, &y, sum + cut * 3 * size, &found[cut]);
+    }
+    /* What is found along fingers no line of its own would have met: as many of theirs, but for chance. */
+    double met = found[1] - found[0], known = s->followed ? *s->followed * windows.lines / vertices : 0,
+           part = met > 0 && met - known > (known > 0 ? SURE * sqrt(met) : 0) ? (met - known) / met : 0;
+    for (uint64_t i = 0; i < size && st == SLT_OK && part > 0; i++) {
+        double more = part * (sum[3 * size + i] - sum[i]), told = missed ? fabs(missed[i]) : 0;
+        if (fabs(more) <= told) continue;
+        error[i] += fabs(more) - told;
+        if (missed) missed[i] = more;
+    }
+    free(sum);
+    return st;
+}
