@@ -64,7 +64,9 @@ static void take_curve(void *user, Crossing *c, uint32_t n) {
     }
 }
 
-static void take_left(void *user, const Box *cell, const double *bounds) { (void)user, (void)cell, (void)bounds; }
+static void take_left(void *user, const Box *cell, const double *bounds, double apart) {
+    (void)user, (void)cell, (void)bounds, (void)apart;
+}
 
 static SltStatus cut(SltProgram *p, Drawn *d, CellCounts *counts, SltError *err) {
     static const bool needs[K_KINDS] = {[K_BOUNDS] = true, [K_EDGE] = true,   [K_EDGE_BOUNDS] = true,

@@ -152,7 +152,7 @@ static void split(Cells *c, const Box *box, const Node *node, uint32_t in_hand, 
                 cell->upset = node->upset, cell->band = false;
                 cell->node = in_hand, cell->number = c->ncell - 1, cell->slice = -1, cell->rule = -1, cell->weight = 1;
                 cell->refine = false, cell->done = false, cell->axes = 0, cell->cuts = cell->halved = 0;
-                cell->borders = false;
+                cell->borders = false, cell->apart = 0;
             }
 }
 
@@ -168,9 +168,9 @@ static void count_box(Cells *c, const Box *box, CellState state) {
 
 static void count_cell(Cells *c, const Cell *cell, CellState state) { count_box(c, &cell->box, state); }
 
-void cells_leave(Cells *c, const Box *box, const double *bounds) {
+void cells_leave(Cells *c, const Box *box, const double *bounds, double apart) {
     count_box(c, box, CELL_LEFT);
-    c->sink->left(c->sink->user, box, bounds);
+    c->sink->left(c->sink->user, box, bounds, apart);
 }
 
 static bool is_constant(const Cells *c, const Cell *cell) {
@@ -215,22 +215,32 @@ static bool settle(Cells *c, const Cell *cell) {
     return true;
 }
 
+/* Of a solid: evaluations for which the nodes that wait because rules differ can be integrated as they are. That is far
+ * better than lines that look for surfaces in them. */
+static double reserve(const Cells *c) {
+    if (!c->o->returns || !c->tried) return 0;
+    return c->differ * CELL_GOES_OUT * ((double)(c->b->evaluations - c->began) / (double)c->tried);
+}
+
 bool cells_spent(Cells *c) {
-    if (c->o->budget && c->b->evaluations - c->began >= c->o->budget) c->counts->spent = true;
+    double used = (double)(c->b->evaluations - c->began);
+    if (c->o->budget && used + reserve(c) >= (double)c->o->budget) c->counts->spent = true;
     return c->counts->spent;
 }
 
 #define LONELY 0x1p-12 /* how much smaller cells around points may be, */
 #define BESIDE 0x1p-3  /* and those of which only the volume is wanted, where f is constant in it: all that they hide is of the value */
 
-/* May it be cut further? */
-bool cells_may_divide(Cells *c, const Cell *cell) {
+static bool is_divisible(const Cells *c, const Cell *cell) {
     bool room = false;
     for (uint32_t d = 0; d < c->dim; d++) room |= has_room(c, &cell->box, d);
     /* Around points little is left, and each level costs the same; along curves each costs twice the one before. */
     double least = c->o->least * (cell->lonely ? LONELY : cell->curves_done && c->o->flat && c->dim < 3 ? BESIDE : 1);
-    return room && !cells_spent(c) && side(c, &cell->box) > least;
+    return room && side(c, &cell->box) > least;
 }
+
+/* May it be cut further? */
+bool cells_may_divide(Cells *c, const Cell *cell) { return !cells_spent(c) && is_divisible(c, cell); }
 
 /* What remains of the volume where the curves are known: around a point or an edge of the least size, or larger where
  * the budget was spent. */
@@ -247,6 +257,7 @@ static bool push(Cells *c, const Cell *cell, const Box *box, bool whole) {
     int32_t *runs = cells_take_chunks(c, cell->number >= c->nhalves && !whole ? (int)(cell->number - c->nhalves) : -1);
     if (c->prunes && !runs) return false;
     ListsAt lists = listed ? lists_of(&c->lists, cell->number - c->nhalves) : lists_of_node(&c->lists);
+    c->differ += cell->apart > 0;
     c->stack[c->nstack++] = (Node){.box = *box,
                                    .lists = lists,
                                    .runs = runs,
@@ -256,7 +267,8 @@ static bool push(Cells *c, const Cell *cell, const Box *box, bool whole) {
                                    .whole = whole,
                                    .curves_done = cell->curves_done,
                                    .lonely = cell->lonely,
-                                   .upset = cell->upset};
+                                   .upset = cell->upset,
+                                   .apart = cell->apart};
     return true;
 }
 
@@ -270,7 +282,7 @@ static bool refine(Cells *c, Cell *cell) {
     cell->done = true, cell->axes = 0;
     if (cells_may_divide(c, cell)) return push(c, cell, &cell->box, false);
     if (cell->curves_done) return sample(c, cell);
-    cells_leave(c, &cell->box, cell->f);
+    cells_leave(c, &cell->box, cell->f, cell->apart);
     return true;
 }
 
@@ -414,7 +426,10 @@ static bool integrate_solids(Cells *c) {
     for (uint32_t i = 0, n = c->ncell; i < n; i++) {
         if (!c->cell[i].axes) continue;
         bool agree = true;
-        if (!cells_integrate_solid(c, i, cells_may_divide(c, &c->cell[i]), &agree)) return false;
+        c->tried++, c->counts->tried++;
+        bool may_refine = c->o->returns ? is_divisible(c, &c->cell[i]) : cells_may_divide(c, &c->cell[i]);
+        may_refine &= !c->o->last;
+        if (!cells_integrate_solid(c, i, may_refine, &agree)) return false;
         c->cell[i].refine = !agree;
     }
     return true;
@@ -519,7 +534,7 @@ static void give_up(Cells *c, Node *node) {
         return;
     }
     for (uint32_t ch = 0; ch < c->s->channels; ch++) cell->f[2 * ch] = -HUGE_VAL, cell->f[2 * ch + 1] = HUGE_VAL;
-    cells_leave(c, &cell->box, cell->f);
+    cells_leave(c, &cell->box, cell->f, node->apart);
 }
 
 /* Takes up to `most` of the nodes that wait; how many. The largest come first: what a budget leaves over is then small
@@ -530,6 +545,7 @@ static uint32_t take_nodes(Cells *c, uint32_t most, Node *node) {
     bool oldest = !c->lists.any && c->o->budget && c->nstack - c->oldest < WAITING;
     uint32_t waiting = c->nstack - c->oldest, n = waiting < most ? waiting : most;
     memcpy(node, c->stack + (oldest ? c->oldest : c->nstack - n), n * sizeof *node);
+    for (uint32_t i = 0; i < n; i++) c->differ -= node[i].apart > 0;
     if (oldest) c->oldest += n;
     else c->nstack -= n;
     if (c->oldest > WAITING || c->oldest == c->nstack) { /* the room of those that are done */
@@ -545,12 +561,13 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     c->began = c->b->evaluations;
     while (c->nstack > c->oldest) free(c->stack[--c->nstack].runs); /* of a tile that was stopped */
     c->failed = false, c->nstack = c->oldest = c->nsmooth = c->npiece = c->ngap = 0, c->bend = 0, c->hunted = 0,
-    c->most = o->seen;
+    c->tried = c->differ = 0, c->most = o->seen;
     memset(c->straight, 0, c->s->nsites);
     gauss_rule(&c->rule[CELL_FINE], o->gauss);
     if (o->coarse) gauss_rule(&c->rule[CELL_COARSE], o->coarse);
     else c->rule[CELL_COARSE].n = 0;
-    c->slack = o->slack;
+    c->slack = o->slack, c->tallest = c->broadest = CELL_FEWEST, c->broad = c->rule[CELL_FINE].n, c->unasked = 0;
+    c->tall = o->tall && o->tall < c->rule[CELL_FINE].n ? o->tall : c->rule[CELL_FINE].n;
     c->bits = log2(fmin(10 * o->tolerance, 0.5));
     for (int r = 0; r < CELL_RULES; r++) {
         c->graded[r] = c->rule[r];
@@ -562,7 +579,7 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     if (!CELLS_ROOM(c, stack, 1)) return false;
     const SltCullList *given = c->b->args.cull;
     Node root = {.box = *tile, .lists = lists_begin(&c->lists, c->b), .curves_done = o->curves_done};
-    root.whole = !is_coarse(c, &root);
+    root.whole = !o->divides && !is_coarse(c, &root);
     if (!cells_prune_root(c, &root)) return false;
     c->stack[c->nstack++] = root;
     /* Many nodes at once keep vectors full. With lists it is one: they are good for it alone. */
@@ -583,6 +600,7 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
         worked = work(c, node, n);
         if (c->lists.any) cells_flush(c);
     }
+    counts->tall = c->tried ? c->tall : 0;
     batch_prune(c->b, NULL, NULL);
     cells_flush(c);
     c->b->args.cull = given, c->b->args.note = NULL;

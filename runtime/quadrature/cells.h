@@ -56,8 +56,9 @@ typedef struct CellSink {
     /* f is this constant in all of a cell, and no points are needed; NULL: points come all the same. */
     void (*constant)(void *user, const Box *cell, const double *f);
     /* A cell that is neither settled nor curved. bounds[2 * channels]: lo and hi of f by channel, infinite where not
-     * known. */
-    void (*left)(void *user, const Box *cell, const double *bounds);
+     * known. apart: how often the tolerance goes into what the rules differ by there, of a curved cell of 3D that was
+     * to be cut for that, when evaluations ran out; else 0. */
+    void (*left)(void *user, const Box *cell, const double *bounds, double apart);
     /* The curves in the cell were handed over; its volume is cut no further. True: the sink sees to it. False, or NULL:
      * what two points of it give stands for it, which are handed over. bounds: as of left. */
     bool (*sampled)(void *user, const Box *cell, const double *bounds);
@@ -78,10 +79,15 @@ typedef struct CellOptions {
     double tolerance; /* of the two rules on one piece, in parts of the integral of |jump| over a curve as long as the
                          domain is wide; pieces that differ more are halved */
     double seen;      /* |f| is known to be that large somewhere in the domain: 0 where that is not known */
+    bool fewer;       /* points of the volume may be fewer where they tell f all the same, if not its derivatives */
+    uint32_t tall;    /* 3D: points along columns, as a tile needed them; 0: as many as along other lines */
     double slack; /* of roots beside which f is not asked, in parts of the lines that they lie on; 0: the last floats */
     double least; /* side of the least cell, in parts of the domain */
     bool curves_done;        /* of this tile curves were handed over before: the volume alone is wanted */
     const PoolOptions *pool; /* cutting ends where the pool must stop, whatever is left; NULL: never */
+    bool divides;            /* the tile itself is known to be no cell */
+    bool returns;            /* what is left when the budget is spent comes back, cell by cell, */
+    bool last;               /* 3D: no cell is cut because the rules differ, for that there are no evaluations */
     bool trial;              /* only what cells cost is asked: no peaks are hunted */
     uint64_t budget;         /* evaluations that this tile may spend, those of the sink included; 0: no limit */
     /* Of an image: cells end where the filter bends, multiples of `grid` from `grid_lo` along each axis; 0: nowhere */
@@ -91,6 +97,8 @@ typedef struct CellOptions {
 typedef struct CellCounts {
     double settled, curved, left;  /* measures, in units of the domain */
     uint64_t cells, boxes, points; /* final cells; evaluations of bounds, and of anything at a point */
+    uint64_t tried;                /* curved cells of 3D that were to be integrated */
+    uint32_t tall;                 /* points that columns in them needed beside their curves; 0: there were none */
     uint64_t coincident;           /* points of curves that coincide and move apart, where there is no derivative; */
     SltPlace coincident_at;        /* the least of them */
     double banded; /* measure of cells, counted as curved, with curves whose order rounding hides; f depends on it */
@@ -109,6 +117,9 @@ typedef struct CellCounts {
     /* Jumps of roots beside which f may be rough, and of those beside which it is a small power; no integrals. */
     double rough_jump, rim_jump;
 } CellCounts;
+
+/* What a cell of 3D costs that is integrated, in parts of what those cost on average that were to be. */
+#define CELL_GOES_OUT 1.5
 
 typedef struct Cells Cells;
 /* b, and what it points to, outlives the Cells. NULL when memory runs out. */

@@ -62,7 +62,7 @@ bool cells_add_gap(Cells *c, uint32_t cell, const Root *r) {
     return true;
 }
 
-static void leave(Cells *c, const Gap *g) { cells_leave(c, &g->box, c->cell[g->cell].f); }
+static void leave(Cells *c, const Gap *g) { cells_leave(c, &g->box, c->cell[g->cell].f, 0); }
 
 /* ---- faces */
 static bool bound_faces(Cells *c, const Gap *g, uint32_t n) {

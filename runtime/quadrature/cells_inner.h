@@ -48,10 +48,14 @@ enum {
     CELL_CHOICES = 3,  /* of these most that are open in a cell */
     CELL_CLIMBING = 2, /* places on a climb of f, from a quarter of its height to three, by which it is seen */
     CELL_SHAPES = 64,  /* in hand at once */
+    CELL_FEWEST = 3,   /* points that a line through the volume gets, CellOptions.fewer */
     SITE_STRAIGHT = 1, /* g changes along one axis alone */
     SITE_BENT = 2,
     CELL_BENDS = 10, /* levels by which a cell is cut further where f or g bends at no seam */
 };
+
+/* Rules that differ by no more than so much of the tolerance may do with fewer points. */
+#define CELL_FEWER 0x1p-10
 
 /* Rounding may blur what lies so far apart, in parts of a cell, and no farther. In f32 it does reach so far: around the
  * place where curves touch, cells are small. */
@@ -149,6 +153,7 @@ typedef struct Cell {
     bool common;                    /* it is one, for seams too: the volume can be integrated */
     uint32_t cuts;                  /* of its pieces, made because the rules differed */
     uint32_t halved;                /* stretches of its bases, and of what they were cut into */
+    double apart;                   /* as of CellSink.left */
     bool refine;                    /* cannot be integrated as it is */
     bool upset, band;               /* its measure is in CellCounts.upset, in .banded already */
     bool borders;                   /* the areas of its parts are told by what bounds them: cells_border.c */
@@ -279,8 +284,9 @@ typedef struct Smooth {
     double lo[3], end[3], hi[3];    /* hi: as in Box */
     double f[2 * SLT_MAX_CHANNELS]; /* bounds: those of the cell, or, where it was looked for what they hide, its own */
     uint32_t halvings;
-    bool hunted; /* it is to be halved for that */
-    bool steep;  /* a larger one was: what f changes by on a short way weighs more in derivatives, where that moves */
+    bool all, again; /* it gets all points of the rule; it did not, and is to be asked again with them */
+    bool hunted;     /* it is to be halved for that */
+    bool steep; /* a larger one was: what f changes by on a short way weighs more in derivatives, where that moves */
 } Smooth;
 
 /* g of an event at a point, or on a box. */
@@ -306,6 +312,7 @@ typedef struct Node {
     uint32_t level, bends, seams;    /* as in Cell */
     bool whole;                      /* the box itself may be a cell: it was cut at a seam */
     bool curves_done, lonely, upset; /* as in Cell */
+    double apart;                    /* likewise */
     ListsAt lists;
     int32_t *runs; /* straight-line programs: what runs in it (prune_keep), its own; NULL: everything */
 } Node;
@@ -322,6 +329,7 @@ struct Cells {
     CellCounts *counts;
     uint64_t began;                  /* evaluations counted before this tile */
     uint64_t hunted;                 /* of these, for what bounds may hide: cells_layer.c */
+    uint32_t tried, differ;          /* curved cells of 3D: of this tile, and nodes that wait because rules differ */
     bool failed;                     /* memory ran out */
     bool prunes;                     /* a straight-line program, of which only some chunks run in a node */
     Pruner pruner;                   /* its level PRUNED is the node's */
@@ -334,6 +342,10 @@ struct Cells {
     double slack;                       /* Root.slack of columns at which f is not asked */
     double bend;                        /* Piece.bend of late: for those that come next */
     double most;                        /* |f| that points of this tile have met */
+    uint32_t tall, tallest;             /* points along a column of a solid's plane: as many as f seems to need; no
+                                           fewer than tallest, by what was seen in this tile */
+    uint32_t broad, broadest;           /* likewise along the sides of a smooth box */
+    uint32_t unasked;                   /* solids whose volume need not be compared */
     double bits;                        /* log2 of what the coarse rule may err by on a part of the volume */
     Node *stack;                        /* nodes to be worked on */
     uint32_t oldest, nstack, stack_cap; /* stack[oldest .. nstack - 1] wait */
@@ -418,8 +430,8 @@ static inline bool cells_is_wave(const SltScene *s, int32_t edge) {
 static inline double cells_round(const Cells *c, double v) { return c->b->f64 ? v : (double)(float)v; }
 /* Sums of numbers that differ by less than this part of their size are the same. */
 static inline double cells_rounding(const Cells *c) { return c->b->f64 ? 0x1p-46 : 0x1p-18; }
-bool cells_spent(Cells *c);                                       /* has this tile used its budget up? */
-void cells_leave(Cells *c, const Box *box, const double *bounds); /* CellSink.left */
+bool cells_spent(Cells *c);                                                     /* has this tile used its budget up? */
+void cells_leave(Cells *c, const Box *box, const double *bounds, double apart); /* CellSink.left */
 double cells_next(const Cells *c, double v, double towards);
 /* v moved by n units in its last place, or in that of `scale` where that is more. */
 double cells_move(const Cells *c, double v, double n, double scale);
@@ -601,7 +613,7 @@ bool cells_keep_kink(Cells *c, Root *r, uint32_t move, const bool seen[2], doubl
 bool cells_follow_kinks(Cells *c);
 
 /* ---- cells_solid.c: integrates over a curved cell of 3D. done: false where it must be refined, because curves cannot
- * be told apart, or because the rules differ and `may_refine`. */
+ * be told apart, or because the rules differ and `may_refine`: Cell.apart. */
 bool cells_integrate_solid(Cells *c, uint32_t i, bool may_refine, bool *done);
 
 /* ---- cells_gap.c */
@@ -627,6 +639,8 @@ double cells_layer(Cells *c, const Piece *p, const Column *from, const Column *t
 /* May f be far from what points of the box have met, by bounds? A tile has so many evaluations for that, and no more.
  */
 bool cells_hides_peak(Cells *c, const Smooth *s, const Spot *first, const Spot *end);
+/* Should it be looked for that? With few points a box in which f has its least value may look so. */
+bool cells_doubts(Cells *c, const Smooth *s, const Spot *first, const Spot *end);
 /* In f32: where f climbs in few floats, what the rounding of points makes of derivatives. */
 void cells_state_rounding(Cells *c, const Smooth *s, const Spot *first, const Spot *end);
 /* Of a box that is not cut further, though the rules may not agree: counts a step that it may hold as lost. */

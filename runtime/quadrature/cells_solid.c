@@ -8,7 +8,7 @@
 
 #include "runtime/quadrature/cells_inner.h"
 
-enum { SLABS = 24 };
+enum { SLABS = 24, UNASKED = 7 };
 
 /* May curves of the cell touch its faces inside, or each other, where no plane through a Gauss point need see it? Not
  * if they move along the base all over the cell, for then they reach its edges, where slabs end; nor do those that stay
@@ -69,16 +69,16 @@ static bool seen_by_planes(const Cells *c, const Cell *cell, int across, const A
     return seen;
 }
 
-/* The axis across the planes, no curve's height axis; -1: there is none that would do. */
-static bool axis_of_planes(Cells *c, const Cell *cell, int *axis) {
-    *axis = -1;
+/* The axes that may lie across the planes, bit by bit: no curve's height axis. */
+static bool axes_of_planes(Cells *c, const Cell *cell, uint32_t *axes) {
+    *axes = 0;
     c->nask = 0;
     for (int across = 0; across < 3; across++)
         if (!(cell->axes >> across & 1) && !ask_faces(c, cell, across)) return false;
     if (!cells_run_asks_about_centres(c)) return false;
     const Ask *ask = c->ask;
     for (int across = 0; across < 3; across++)
-        if (!(cell->axes >> across & 1) && seen_by_planes(c, cell, across, &ask)) *axis = across;
+        if (!(cell->axes >> across & 1) && seen_by_planes(c, cell, across, &ask)) *axes |= 1u << across;
     return true;
 }
 
@@ -132,6 +132,22 @@ static bool find_slabs(Cells *c, uint32_t i, int across, double at[SLABS + 1], u
     return good;
 }
 
+/* Of the axes the one along which there are the fewest slabs; none, where they cannot be told apart. */
+static bool choose_slabs(Cells *c, uint32_t i, uint32_t axes, int *across, double at[SLABS + 1], uint32_t *slabs) {
+    *slabs = 0;
+    for (int d = 2; d >= 0 && *slabs != 1; d--) {
+        double ends[SLABS + 1];
+        uint32_t n;
+        if (!(axes >> d & 1)) continue;
+        if (!find_slabs(c, i, d, ends, &n)) return false;
+        if (*slabs && (!n || n >= *slabs)) continue;
+        if (!n) return true;
+        *across = d, *slabs = n;
+        memcpy(at, ends, sizeof ends);
+    }
+    return true;
+}
+
 static bool add_planes(Cells *c, uint32_t i, int across, const double *at, uint32_t slabs) {
     for (uint32_t s = 0; s < slabs; s++)
         for (int8_t r = 0; r < CELL_RULES; r++)
@@ -142,8 +158,10 @@ static bool add_planes(Cells *c, uint32_t i, int across, const double *at, uint3
     return true;
 }
 
-/* The integral of |jump| over the surface of each event, by rule, with moments in the position. */
-static bool surfaces_agree(const Cells *c, const Cell *cell) {
+/* How often the tolerance goes into what the rules make differ of the integral of |jump| over the surface of an event,
+ * or of its moments in the position. */
+static double surfaces_apart(const Cells *c, const Cell *cell) {
+    double apart = 0;
     for (uint32_t e = 0; e < cell->nedges; e++) {
         double sum[CELL_RULES][SLT_MAX_CHANNELS][4] = {{{0}}}, most = 0, total = 0, steep = 0;
         for (int d = 0; d < 3; d++) {
@@ -169,28 +187,57 @@ static bool surfaces_agree(const Cells *c, const Cell *cell) {
         }
         double least = fmax(c->o->tolerance * most * c->width * c->width, cells_rounding(c) * total);
         for (uint32_t ch = 0; ch < c->s->channels; ch++)
-            for (int m = 0; m < 4; m++)
-                if (fabs(sum[CELL_FINE][ch][m] - sum[CELL_COARSE][ch][m]) > least) return false;
+            for (int m = 0; m < 4; m++) {
+                double d = fabs(sum[CELL_FINE][ch][m] - sum[CELL_COARSE][ch][m]);
+                if (d > least) apart = larger(d / least, apart);
+            }
     }
+    return apart;
+}
+
+/* Do the rules agree on the volume? How many points its columns need f tells, not the surfaces: where two fewer make no
+ * difference the next cell gets fewer, and where they do this one gets all. Where that has come to an end it is asked
+ * of some cells only. False when memory runs out. */
+static bool compare_volume(Cells *c, bool *agree) {
+    *agree = true;
+    if (!c->nspot || c->unasked) {
+        c->unasked -= c->unasked > 0;
+        return true;
+    }
+    if (!cells_take_values(c)) return false;
+    *agree = cells_values_agree(c, 0, c->nspot, 1);
+    if (!*agree && c->tall < c->rule[CELL_FINE].n) {
+        c->tallest = c->tall + 1, c->tall = c->rule[CELL_FINE].n, c->nspot = 0;
+        if (!cells_add_columns_of_points(c) || !cells_take_values(c)) return false;
+        *agree = cells_values_agree(c, 0, c->nspot, 1);
+    }
+    if (!*agree || !c->o->fewer || !cells_values_agree(c, 0, c->nspot, CELL_FEWER)) return true;
+    if (c->tall > c->tallest) c->tall = c->tall > c->tallest + 1 ? c->tall - 2 : c->tallest;
+    else if (!c->o->flat) c->unasked = UNASKED;
     return true;
 }
 
 bool cells_integrate_solid(Cells *c, uint32_t i, bool may_refine, bool *done) {
     double at[SLABS + 1];
     uint32_t slabs, first = c->ncell;
-    int across;
-    if (!axis_of_planes(c, &c->cell[i], &across)) return false;
-    *done = across >= 0;
+    int across = -1;
+    uint32_t axes;
+    if (!axes_of_planes(c, &c->cell[i], &axes)) return false;
+    *done = axes != 0;
     if (!*done) return true;
-    if (!find_slabs(c, i, across, at, &slabs)) return false;
+    if (!choose_slabs(c, i, axes, &across, at, &slabs)) return false;
     *done = slabs > 0;
     if (!*done) return true;
     if (!add_planes(c, i, across, at, slabs) || !cells_cut_bases(c, first)) return false;
     for (uint32_t k = first; k < c->ncell; k++) *done &= !c->cell[k].refine;
     bool compare = !c->o->fixed && may_refine && c->rule[CELL_COARSE].n;
-    if (*done && !cells_evaluate(c, 0, compare)) return false;
-    if (*done && compare)
-        *done = surfaces_agree(c, &c->cell[i]) && (!c->nspot || cells_values_agree(c, 0, c->nspot, 1));
+    if (*done && !cells_evaluate(c, 0, false)) return false;
+    if (*done && compare) {
+        double apart = surfaces_apart(c, &c->cell[i]);
+        *done = !(apart > 1);
+        if (*done && !compare_volume(c, done)) return false;
+        c->cell[i].apart = *done ? 0 : larger(apart, 1); /* its volume may be cut all the same */
+    }
     if (*done) {
         if (!cells_emit_columns(c, c->column, c->column + c->ncolumn)) return false;
         cells_emit_spots(c, 0, c->nspot);

@@ -102,6 +102,11 @@ static bool may_ask(const Cells *c) { return !c->lists.any && !c->prunes && !c->
 
 static bool may_hunt(const Cells *c) { return may_ask(c) && c->hunted <= HUNT + (c->b->evaluations - c->began) / 4; }
 
+bool cells_doubts(Cells *c, const Smooth *s, const Spot *first, const Spot *end) {
+    Met met = met_by(c, first, end);
+    return may_ask(c) && is_suspect(c, s->f, &met, c->o->grid[0] > 0 ? LOOSER : LOOSE);
+}
+
 bool cells_hides_peak(Cells *c, const Smooth *s, const Spot *first, const Spot *end) {
     if (!may_hunt(c)) return false;
     Met met = met_by(c, first, end);

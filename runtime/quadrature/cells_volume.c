@@ -132,12 +132,11 @@ static bool add_spot(Cells *c, uint32_t owner, const double x[3], double weight,
 
 /* The rule along a part of the volume of that length: of n points it errs by (length / scale)^2n, and the scale on
  * which f varies is taken for half the domain. Where it is shorter the two rules differ, and the part is halved. */
-static const GaussRule *rule_along(const Cells *c, CellRule r, double length) {
+static const GaussRule *rule_along(const Cells *c, CellRule r, double length, uint32_t most) {
     const GaussRule *full = &c->rule[r];
     int bits = c->o->fixed || !full->n ? 0 : ilogb(length / (0.5 * c->width)) + 1;
-    if (bits >= 0) return full;
-    double n = 1 + ceil(c->bits / (2.0 * bits)); /* of no length: bits is the least of its type */
-    uint32_t points = n < 2 ? 2 : n < c->rule[CELL_FINE].n ? (uint32_t)n : c->rule[CELL_FINE].n;
+    double n = bits < 0 ? 1 + ceil(c->bits / (2.0 * bits)) : most; /* of no length: bits is the least of its type */
+    uint32_t points = n < 2 ? 2 : n < most ? (uint32_t)n : most;
     points -= r == CELL_COARSE && points > 1;
     return points < full->n ? &c->of[points] : full;
 }
@@ -159,10 +158,10 @@ uint32_t cells_part_ends(const Cells *c, const Column *k, double heights[CELL_ED
 static bool fill_column(Cells *c, const Column *k, CellRule rule) {
     const Piece *p = &c->piece[k->piece];
     double x[3], from = c->cell[p->cell].box.lo[p->axis], heights[CELL_EDGES + 1];
-    uint32_t n = cells_part_ends(c, k, heights);
+    uint32_t n = cells_part_ends(c, k, heights), most = c->cell[p->cell].slice < 0 ? c->rule[CELL_FINE].n : c->tall;
     memcpy(x, k->x, sizeof x);
     for (uint32_t i = 0; i < n; from = heights[i++]) {
-        const GaussRule *g = p->graded ? &c->rule[rule] : rule_along(c, rule, heights[i] - from);
+        const GaussRule *g = p->graded ? &c->rule[rule] : rule_along(c, rule, heights[i] - from, most);
         for (uint32_t q = 0; q < g->n * p->parts && heights[i] > from; q++) {
             double begin = cells_part_begins(p, q / g->n), length = cells_part_begins(p, q / g->n + 1) - begin;
             double t = begin + g->x[q % g->n] * length, w = g->w[q % g->n] * length;
@@ -412,7 +411,7 @@ bool cells_values_agree(Cells *c, uint32_t from, uint32_t to, double part) {
 bool cells_settle_box(Cells *c, const Cell *cell, const double lo[3], const double end[3]) {
     if (!CELLS_ROOM(c, smooth, 1)) return false;
     Smooth *s = &c->smooth[c->nsmooth++];
-    s->halvings = 0, s->hunted = s->steep = false;
+    s->halvings = 0, s->hunted = s->steep = s->all = s->again = false;
     for (uint32_t d = 0; d < 3; d++) s->hi[d] = smaller(end[d], cell->box.hi[d]);
     memcpy(s->f, cell->f, 2 * c->s->channels * sizeof *s->f);
     memcpy(s->lo, lo, sizeof s->lo), memcpy(s->end, end, sizeof s->end);
@@ -434,10 +433,10 @@ static double shortest(const Cells *c, const Smooth *s) {
 static bool fill_box(Cells *c, uint32_t owner, uint8_t rule) {
     const Smooth *s = &c->smooth[owner];
     const GaussRule *r[3] = {NULL};
-    uint32_t n[3] = {1, 1, 1};
+    uint32_t n[3] = {1, 1, 1}, most = s->all ? c->rule[CELL_FINE].n : c->broad;
     if (!c->rule[rule].n) return true;
     for (uint32_t d = 0; d < c->dim; d++)
-        r[d] = rule_along(c, (CellRule)rule, halved(c, s) * (s->end[d] - s->lo[d])), n[d] = r[d]->n;
+        r[d] = rule_along(c, (CellRule)rule, halved(c, s) * (s->end[d] - s->lo[d]), most), n[d] = r[d]->n;
     for (uint32_t z = 0; z < n[2]; z++)
         for (uint32_t y = 0; y < n[1]; y++)
             for (uint32_t i = 0; i < n[0]; i++) {
@@ -467,13 +466,24 @@ static bool halve_box(Cells *c, const Smooth *s) {
         if (half) h->lo[axis] = middle;
         else h->end[axis] = middle, h->hi[axis] = cells_round(c, middle);
         if (s->hunted) memcpy(h->f, f[half], 2 * c->s->channels * sizeof *f[half]);
-        h->halvings++, h->steep |= s->hunted, h->hunted = false;
+        h->halvings++, h->all = true, h->steep |= s->hunted, h->hunted = false;
     }
     return true;
 }
 
+/* How many points boxes need, if f is as it is in this one, whose spots these are. True: this one needs more. */
+static bool choose_points(Cells *c, const Smooth *s, uint32_t from, uint32_t to, bool same, uint32_t points) {
+    const uint32_t full = c->rule[CELL_FINE].n;
+    if (!c->o->fewer) return false;
+    if (!same) c->broad = full, c->broadest = points < full ? points + 1 : full;
+    else if (points > c->broadest && c->broad == points && cells_values_agree(c, from, to, CELL_FEWER))
+        c->broad = points > c->broadest + 1 ? points - 2 : c->broadest;
+    return points < full && (!same || cells_doubts(c, s, c->spot + from, c->spot + to));
+}
+
 static bool integrate_last(Cells *c, uint32_t first) {
     uint32_t n = c->nsmooth, at = 0, kept = first;
+    const uint32_t points = c->broad;
     bool compare = !c->o->fixed && c->rule[CELL_COARSE].n;
     c->nspot = 0;
     for (uint32_t i = first; i < n; i++)
@@ -488,9 +498,10 @@ static bool integrate_last(Cells *c, uint32_t first) {
         /* Halved before, and yet there is no small change in it. */
         bool steep = s->steep || (s->halvings >= c->dim && range_of(c, at, end) > CLIMBS * c->most);
         bool same = !compare || cells_values_agree(c, at, end, steep ? shortest(c, s) / c->width : 1);
-        agree = same || last;
-        if (!last && same) s->hunted = cells_hides_peak(c, s, c->spot + at, c->spot + end);
-        if (last && compare) cells_state_hidden(c, s, c->spot + at, c->spot + end, same);
+        if (compare && !s->all) s->all = s->again = choose_points(c, s, at, end, same, points);
+        agree = (same || last) && !s->again;
+        if (!last && agree) s->hunted = cells_hides_peak(c, s, c->spot + at, c->spot + end);
+        if (last && compare && agree) cells_state_hidden(c, s, c->spot + at, c->spot + end, same);
         if (agree && !s->hunted) {
             if (compare) cells_state_rounding(c, s, c->spot + at, c->spot + end);
             cells_emit_spots(c, at, end);
@@ -501,6 +512,8 @@ static bool integrate_last(Cells *c, uint32_t first) {
     for (uint32_t i = first; i < kept; i++) {
         Smooth s = c->smooth[i];
         uint32_t last = c->nsmooth;
+        c->smooth[i].again = false;
+        if (s.again) continue;
         if (!halve_box(c, &s)) return false;
         c->smooth[i] = c->smooth[last], c->smooth[last] = c->smooth[last + 1], c->nsmooth--;
     }

@@ -189,7 +189,9 @@ static void count_curve(void *user, Crossing *c, uint32_t n) {
 static void count_volume(void *user, const CellPoint *p, uint32_t n, CellRule rule, const Box *within) {
     (void)p, (void)rule, (void)within, ((Cost *)user)->volume += n;
 }
-static void no_left(void *user, const Box *cell, const double *bounds) { (void)user, (void)cell, (void)bounds; }
+static void no_left(void *user, const Box *cell, const double *bounds, double apart) {
+    (void)user, (void)cell, (void)bounds, (void)apart;
+}
 
 /* The tile of a trial, so wide that its own cost does not matter beside that of all such tiles; or four pixels. */
 static Box trial_tile(const Grid *g, bool f64, uint32_t k) {

@@ -17,7 +17,9 @@ enum {
     LEAST_BUDGET = 512,   /* evaluations of a tile, below which a round makes no sense */
     DEEPER_BUDGET = 192,  /* and of a cell at the least size, to cut it further, */
     DEEPER_ROUNDS = 12,   /* this often, each time into parts so many times smaller */
-    DEEPER = 16
+    DEEPER = 16,
+    PARTS = 8,  /* of a cell of 3D that is cut */
+    FEWEST = 16 /* so large a part of those that are left a round is for */
 };
 
 #define ALIKE 0x1p-10 /* of what one sample may make of a value: two sets that differ by less agree */
@@ -157,19 +159,21 @@ static bool is_large(const Sweep *p, const Box *b) {
 
 bool sweep_room_left(SweepWorker *v) { return grow((void **)&v->left, v->nleft + 1, &v->left_cap, sizeof *v->left); }
 
-static void add_left(SweepWorker *v, const Box *cell, const double *bounds, bool curved) {
+static void add_left(SweepWorker *v, const Box *cell, const double *bounds, double apart, bool curved) {
     if (!sweep_room_left(v)) {
         v->failed = true;
         return;
     }
     LeftCell *l = &v->left[v->nleft++];
     const double *known = v->within ? v->within->bounds : NULL;
-    l->box = *cell, l->halvings = l->loose = 0, l->stands = l->asked = 1, l->curved = curved;
+    l->box = *cell, l->halvings = l->loose = 0, l->stands = l->asked = 1, l->curved = curved, l->apart = apart;
     for (uint32_t c = 0; c < 2 * v->sweep->run->s->channels; c++)
         l->bounds[c] = !known ? bounds[c] : c & 1 ? fmin(bounds[c], known[c]) : fmax(bounds[c], known[c]);
 }
 
-static void take_left(void *worker, const Box *cell, const double *bounds) { add_left(worker, cell, bounds, false); }
+static void take_left(void *worker, const Box *cell, const double *bounds, double apart) {
+    add_left(worker, cell, bounds, apart, false);
+}
 
 bool sweep_room_beside(Box **list, uint64_t n, uint64_t *cap) { return grow((void **)list, n + 1, cap, sizeof **list); }
 
@@ -179,7 +183,7 @@ static bool take_sampled(void *worker, const Box *cell, const double *bounds) {
     double m = sweep_measure(cell, v->sweep->run->s->dim), most = 0;
     if (v->sweep->waits && v->counts.spent && is_large(v->sweep, cell)) {
         v->counts.curved -= m / v->sweep->volume; /* it is counted when it has its volume */
-        add_left(v, cell, bounds, true);
+        add_left(v, cell, bounds, 0, true);
         return true;
     }
     bool taken = sweep_takes_beside(v->sweep, cell);
@@ -273,6 +277,7 @@ static bool tile_work(void *user, uint32_t worker, uint64_t tile) {
                      .sampled = take_sampled,
                      .user = v};
     CellOptions o = p->options;
+    o.divides = v->within && v->within->apart > 0 && !o.last;
     o.curves_done = v->within && v->within->curved, v->counts.spent = p->ends;
     if (!cells_run(v->cells, &p->tile[tile], &o, &sink, &v->counts)) return false;
     if (p->kind == SWEEP_LOSS && !loss_tile(v, tile)) return false;
@@ -311,6 +316,7 @@ static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
     if (c->upset_edge && (!t->upset_edge || c->upset_edge < t->upset_edge)) t->upset_edge = c->upset_edge;
     p->run->stats.dropped[SLT_DROP_COINCIDENT] += c->coincident;
     place_least(&p->run->stats.dropped_at[SLT_DROP_COINCIDENT], &c->coincident_at);
+    t->tried += c->tried, t->tall = t->tall > c->tall ? t->tall : c->tall;
     t->cells += c->cells, t->boxes += c->boxes, t->points += c->points, t->spent |= c->spent;
     p->loss += v->loss, p->left_bound += v->left_bound;
     p->short_of_volume |= c->spent && (v->volume_sampled > 0 || v->nbeside);
@@ -400,18 +406,50 @@ static bool may_be_cut(const Sweep *p, const LeftCell *l) { return !is_gap(p, &l
 static bool is_unfinished(const Sweep *p, const LeftCell *l) {
     return !l->curved && is_large(p, &l->box) && !is_gap(p, &l->box);
 }
+static bool is_next(const Sweep *p, const LeftCell *l) {
+    return is_unfinished(p, l) && (!(l->apart > 0) || l->apart >= p->worst);
+}
 static bool is_volume(const Sweep *p, const LeftCell *l) {
     (void)p;
     return l->curved;
 }
-static bool is_either(const Sweep *p, const LeftCell *l) { return l->curved || is_unfinished(p, l); }
+static bool is_either(const Sweep *p, const LeftCell *l) { return l->curved || is_next(p, l); }
 
 /* Cells that were left because their tile had no evaluations to spare become tiles, if there are as many to spare for
  * all of them as makes sense; what is left at the least size stays. Derivatives come first. */
 static bool again(Sweep *p, uint64_t spare) {
-    uint64_t all = count_left(p, is_either), curves = count_left(p, is_unfinished);
+    uint64_t all = count_left(p, is_either), curves = count_left(p, is_next);
     if (all && spare / all >= LEAST_BUDGET) return begin_again(p, is_either);
-    return curves && spare / curves >= LEAST_BUDGET && begin_again(p, is_unfinished);
+    return curves && spare / curves >= LEAST_BUDGET && begin_again(p, is_next);
+}
+
+static int descending(const void *a, const void *b) {
+    const double *p = a, *q = b;
+    return (*p < *q) - (*p > *q);
+}
+
+/* Of a solid cells that were left because their rules differ cost about so much if they are integrated as they are:
+ * those that differ most are cut, as many as can be paid for so that as much remains for the others: *kept. False:
+ * there is nothing but cells that differ and cannot be paid for, or memory ran out. */
+static bool choose_worst(Sweep *p, uint64_t used, uint64_t spare, uint64_t *kept) {
+    uint64_t n = 0, others = 0, k = 0;
+    p->worst = 0, *kept = 0;
+    for (uint64_t i = 0; i < p->nleft; i++) {
+        bool next = is_unfinished(p, &p->left[i]), differs = p->left[i].apart > 0;
+        n += next && differs, others += next && !differs;
+    }
+    if (!n) return true;
+    double *apart = malloc(n * sizeof *apart);
+    if (!apart) return false;
+    for (uint64_t i = 0; i < p->nleft; i++)
+        if (is_unfinished(p, &p->left[i]) && p->left[i].apart > 0) apart[k++] = p->left[i].apart;
+    qsort(apart, n, sizeof *apart, descending);
+    double each = CELL_GOES_OUT * (double)used / (double)p->counts.tried;
+    double paid = ((double)spare / each - (double)n) / PARTS - (double)others;
+    k = paid >= (double)n ? n : paid * FEWEST >= (double)n ? (uint64_t)paid : 0;
+    p->worst = k ? apart[k - 1] : HUGE_VAL, *kept = (uint64_t)fmin(each * (double)(n - k), (double)spare);
+    free(apart);
+    return k || (others && paid >= 0);
 }
 
 /* Volume for which nothing is to spare is sampled. */
@@ -467,20 +505,33 @@ SltStatus sweep_run(Sweep *p) {
     memset(p->gone, 0, sizeof p->gone);
     memset(p->f, 0, sizeof p->f), memset(p->f_error, 0, sizeof p->f_error),
         memset(p->f_variance, 0, sizeof p->f_variance), memset(p->f_hidden, 0, sizeof p->f_hidden);
-    uint64_t start = r->stats.evaluations, share = (uint64_t)((1 - p->left_share) * (double)p->budget);
+    uint64_t start = r->stats.evaluations, share = (uint64_t)((1 - p->left_share) * (double)p->budget), kept = 0;
     if (p->cells_budget && p->cells_budget < share) share = p->cells_budget;
     SltStatus st = make_tiles(p);
     p->nparents = 0;
     for (uint32_t round = 0; round < ROUNDS && st == SLT_OK && p->ntiles; round++) {
         uint64_t used = r->stats.evaluations - start;
         p->waits = p->kind == SWEEP_INTEGRAL && p->errors && p->wanted && round + 1 < ROUNDS;
-        p->options.budget = p->budget ? (share > used ? share - used : 0) / p->ntiles + 1 : 0;
-        p->counts.spent = false;
+        p->options.budget = p->budget ? (share > used + kept ? share - used - kept : 0) / p->ntiles + 1 : 0;
+        p->counts.spent = false, p->options.returns = !p->options.last;
         st = run_tiles(r, p->ntiles, tile_work, tile_merge, p);
         if (st == SLT_OK && p->worker[0].failed) st = no_memory(p);
         used = r->stats.evaluations - start;
-        if (st != SLT_OK || !p->counts.spent || !again(p, used < share ? share - used : 0)) break;
+        p->counts.spent |= p->options.last || p->worst > 0; /* some were held back */
+        bool more = st == SLT_OK && p->counts.spent;
+        p->options.tall = p->counts.tall;
+        /* Where nothing is left at the least size, or nothing will be, lines need no share. */
+        bool lines = p->cells_budget || count_left(p, is_either) < p->nleft;
+        if (p->counts.tried && !lines) share = p->budget;
+        uint64_t spare = used < share ? share - used : 0;
+        if (more && p->counts.tried) p->options.last |= !choose_worst(p, used, spare, &kept) || round + 2 == ROUNDS;
+        if (p->options.last) {
+            p->worst = 0, kept = 0, share = p->cells_budget ? share : p->budget;
+            spare = used < share ? share - used : 0;
+        }
+        if (!more || !again(p, spare - kept)) break;
     }
+    p->options.last = p->options.returns = false, p->options.tall = 0, p->worst = 0;
     if (st == SLT_OK) st = end_waiting(p);
     if (st == SLT_OK && p->errors && !p->cells_budget && !p->marches) st = deepen(p, start, share);
     double left = 0;

@@ -33,6 +33,7 @@ typedef struct LeftCell {
     double asked;                        /* for so many cells bounds tell what lines may have missed; 0: not asked */
     uint8_t halvings, loose, set; /* march.c: how often it was quartered, and in vain; of two sets of cells that stand
                                      for others */
+    double apart;                 /* as of CellSink.left */
     bool curved;                  /* its curves are integrated: the volume beside them waits for evaluations to spare */
 } LeftCell;
 
@@ -78,6 +79,7 @@ typedef struct Sweep {
     uint64_t nleft, left_cap;
     LeftCell *parent; /* [nparents]: of the tiles, where they are cells that were left; else none */
     uint64_t nparents, parent_cap;
+    double worst;     /* of cells that are left unfinished those whose rules differ by as much are next */
     bool waits, ends; /* volume that a tile had no evaluations for goes to `left`, for another round; there is none */
     Box *beside;      /* [nbeside]: cells of which the curves are integrated, and the volume gets samples */
     uint64_t nbeside, beside_cap;

@@ -52,10 +52,10 @@ static inline void run_volume(void *user, const CellPoint *p, uint32_t n, CellRu
         r->value[rule] += p[i].weight * f[0];
     }
 }
-static inline void run_left(void *user, const Box *cell, const double *bounds) {
+static inline void run_left(void *user, const Box *cell, const double *bounds, double apart) {
     Run *r = user;
     double m = 1;
-    (void)bounds;
+    (void)bounds, (void)apart;
     for (uint32_t d = 0; d < r->s->slt.dim; d++) m *= cell->end[d] - cell->lo[d];
     r->left += m;
 }

@@ -144,7 +144,7 @@ static void volume_that_is_sampled(void **state) {
     uint32_t coarse = 0, stopped = 0;
     o.f64 = true;
     assert_int_equal(slt_compile_string(source, "cylinder", &o, &p), SLT_OK);
-    for (double most = 3e5; most < 2e6; most *= 1.15) {
+    for (double most = 1e5; most < 2e6; most *= 1.15) {
         SltJob job = SLT_JOB_INIT;
         SltIntegral out = SLT_INTEGRAL_INIT;
         SltStats s = SLT_STATS_INIT;
@@ -161,6 +161,43 @@ static void volume_that_is_sampled(void **state) {
         stopped += s.stopped == SLT_STOP_EVALUATIONS;
     }
     assert_true(coarse > 0 && stopped > 0);
+    slt_program_free(p);
+}
+
+/* A smooth solid: what is wanted is reached; and evaluations that do not do for it leave cells whose
+ * rules differ, not cells that nobody has looked at. */
+static void smooth_solid(void **state) {
+    (void)state;
+    static const char source[] =
+        "param float r = 0.6; param float c = 0.07; [Domain(-1.0, 1.0)] shader float main(float3 x) {"
+        "float3 q = (x - float3(0.02, c, -0.03)) / r; q = q * q; [Disc] if (dot(q, q) < 1.0) return 1.0 + x.y;"
+        "return 0.0; }";
+    static const struct {
+        double most, bar;
+        SltStop stop;
+    } run[] = {{2.2e6, 1e-9, SLT_STOP_NONE}, {8e5, 1e-4, SLT_STOP_EVALUATIONS}};
+    SltOptions o = SLT_OPTIONS_INIT;
+    SltProgram *p = NULL;
+    SltError err = {0};
+    double volume = 8 * pow(tgamma(1.25), 3) / tgamma(1.75) * 0.216, want[2] = {3 * volume / 0.6 * 1.07, volume};
+    o.f64 = true;
+    assert_int_equal(slt_compile_string(source, "solid", &o, &p), SLT_OK);
+    for (int i = 0; i < 2; i++) {
+        SltJob job = SLT_JOB_INIT;
+        SltIntegral out = SLT_INTEGRAL_INIT;
+        SltStats s = SLT_STATS_INIT;
+        double gradient[2], error[2];
+        job.integral = true, job.threads = 2, job.estimator = SLT_EST_QUADRATURE;
+        job.error = 1e-9, job.max_evaluations = (uint64_t)run[i].most;
+        out.gradient = gradient, out.gradient_stderr = error;
+        if (slt_grad_integral(p, &job, &out, &s, &err) != SLT_OK) fail_msg("%s", err.text);
+        for (int k = 0; k < 2; k++)
+            if (!(fabs(gradient[k] - want[k]) <= error[k] && error[k] <= run[i].bar * want[0]))
+                fail_msg("%g evaluations: off by %g, stated %g", run[i].most, gradient[k] - want[k], error[k]);
+        assert_int_equal(s.stopped, run[i].stop);
+        if (s.left > 0 || (double)s.evaluations > 1.25 * run[i].most)
+            fail_msg("%g evaluations: %g, left %g", run[i].most, (double)s.evaluations, s.left);
+    }
     slt_program_free(p);
 }
 
@@ -437,6 +474,7 @@ int main(void) {
     tests[n++] = (struct CMUnitTest){"regular polygons", regular_polygons, NULL, NULL, NULL};
     tests[n++] = (struct CMUnitTest){"hue wheel", hue_wheel, NULL, NULL, NULL};
     tests[n++] = (struct CMUnitTest){"volume that is sampled", volume_that_is_sampled, NULL, NULL, NULL};
+    tests[n++] = (struct CMUnitTest){"smooth solid", smooth_solid, NULL, NULL, NULL};
     tests[n++] = (struct CMUnitTest){"three regions", three_regions, NULL, NULL, NULL};
     tests[n++] = (struct CMUnitTest){"out of reach", out_of_reach, NULL, NULL, NULL};
     tests[n++] = (struct CMUnitTest){"budgets", budgets, NULL, NULL, NULL};
