@@ -540,6 +540,9 @@ SltStatus sweep_run(Sweep *p) {
     if (p->errors) sums_sampled(&p->sums, r->s->active, p->volume_sampled / p->volume);
     for (uint64_t i = 0; i < p->nleft; i++) left += sweep_measure(&p->left[i].box, r->s->dim) / p->volume;
     if (p->kind != SWEEP_LOSS) p->counts.left = left;
+    /* Cells that are left get a few samples, of which two sets may agree by chance: cells err independently. */
+    if (p->errors && p->options.volume && !p->marches && p->nleft)
+        sums_sampled(&p->sums, r->s->active, 0.5 * left / sqrt((double)p->nleft));
     p->gave_up = left > p->only_if_left;
     if (st == SLT_OK && p->nleft && !p->gave_up && p->only_if_cost > 0)
         p->gave_up = sweep_march_is_dear(p, r->stats.evaluations - start);

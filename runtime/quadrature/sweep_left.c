@@ -17,6 +17,7 @@ enum {
 #define LEFT_SHORT 0x1p-24 /* of the domain's width */
 #define LEFT_MOST 0.5
 #define LEFT_HIDES 0x1p-5 /* of what cells have cost: to find out whether their lines must be cut by bounds */
+#define LEFT_LOOKS 0x1p-4 /* for the same, of a number of evaluations that is given and that must be obeyed */
 #define LEFT_ASKS 0x1p-6 /* of what cells have cost: for what those that are left may hide, whatever there is to spare */
 
 double sweep_hidden(const Sweep *p, const LeftCell *l) {
@@ -265,7 +266,9 @@ SltStatus sweep_work_off_left(Sweep *p, uint64_t start) {
     if (p->options.curves && !p->marches && !make_apart(p)) return status_fail(r->err, SLT_LIMIT, "out of memory");
     p->first_chunk = 0;
     p->hides = may_hide(p);
-    p->cuts = p->hides && left_hides(&p->worker[0], LEFT_HIDES * (double)used);
+    double look = LEFT_HIDES * (double)used;
+    if (r->j->max_evaluations) look = fmin(look, LEFT_LOOKS * spare);
+    p->cuts = p->hides && left_hides(&p->worker[0], look);
     began = r->stats.evaluations;
     if (p->worker[0].failed) st = status_fail(r->err, SLT_LIMIT, "out of memory");
     for (uint32_t k = p->marches || !p->budget ? PARTS - 1 : 0; k < PARTS && st == SLT_OK; k++) {
