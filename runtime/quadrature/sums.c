@@ -7,6 +7,8 @@
 #include "runtime/quadrature/sums.h"
 #include "runtime/sample/alloc.h"
 
+#define FEW 1.5 /* t(n) is nearly 1 + FEW / n normal deviates, at two of them */
+
 bool sums_init(Sums *m, const SltScene *s, uint32_t rows) {
     memset(m, 0, sizeof *m);
     m->rows = rows, m->nfloats = s->nfloats;
@@ -16,11 +18,12 @@ bool sums_init(Sums *m, const SltScene *s, uint32_t rows) {
     m->boundary = alloc_zero(n, sizeof(double)), m->interior = alloc_zero(n, sizeof(double));
     m->error = alloc_zero(n, sizeof(double)), m->variance = alloc_zero(n, sizeof(double));
     m->size = alloc_zero(n, sizeof(double));
-    return m->boundary && m->interior && m->error && m->variance && m->size;
+    if (s->dim == 3) m->fourth = alloc_zero(n, sizeof(double));
+    return m->boundary && m->interior && m->error && m->variance && m->size && (m->fourth || s->dim < 3);
 }
 
 void sums_free(Sums *m) {
-    free(m->boundary), free(m->interior), free(m->error), free(m->variance), free(m->size);
+    free(m->boundary), free(m->interior), free(m->error), free(m->variance), free(m->size), free(m->fourth);
     memset(m, 0, sizeof *m);
 }
 
@@ -32,6 +35,7 @@ void sums_clear(Sums *m) {
     size_t bytes = (size_t)m->rows * m->nfloats * sizeof(double);
     memset(m->boundary, 0, bytes), memset(m->interior, 0, bytes);
     memset(m->error, 0, bytes), memset(m->variance, 0, bytes), memset(m->size, 0, bytes);
+    if (m->fourth) memset(m->fourth, 0, bytes);
 }
 
 /* Two estimates become one, with its error. Of rules their distance is the error of the lower one: how much better the
@@ -58,6 +62,7 @@ void sums_merge(Sums *m, Accum *a, SumMode mode, double lines) {
         for (uint32_t row = 0; row < rows; row++, v++) {
             size_t at = (size_t)row * m->nfloats + f->parameter[i];
             double both = v[SUM_INTERIOR_BOTH * rows], share = v[SUM_SIZE * rows] / lines;
+            double before = m->variance[at];
             if (share != 0) m->variance[at] += share * share; /* else its page stays untouched */
             m->size[at] += fabs(v[SUM_BOUNDARY_FINE * rows]) + fabs(v[SUM_INTERIOR_FINE * rows] + both);
             m->error[at] += m->curves * fabs(v[SUM_BOUNDARY_FINE * rows]);
@@ -65,9 +70,19 @@ void sums_merge(Sums *m, Accum *a, SumMode mode, double lines) {
                                     &m->error[at], &m->variance[at]);
             m->interior[at] += join(m, v[SUM_INTERIOR_FINE * rows] + both, v[SUM_INTERIOR_COARSE * rows] + both,
                                     interior, lines, &m->error[at], &m->variance[at]);
+            double term = m->variance[at] - before;
+            if (m->fourth && term > 0) m->fourth[at] += term * term;
         }
     }
     accum_unfold(a);
+}
+
+void sums_few(Sums *m) {
+    for (size_t i = 0; m->fourth && i < (size_t)m->rows * m->nfloats; i++) {
+        if (!(m->fourth[i] > 0)) continue;
+        double grows = 1 + FEW * m->fourth[i] / (m->variance[i] * m->variance[i]);
+        m->variance[i] *= grows * grows;
+    }
 }
 
 void sums_unnamed(Sums *m, const uint8_t *active, double left, double unit) {

@@ -34,6 +34,7 @@ typedef struct Sums {
     double *boundary, *interior; /* [rows][nfloats] */
     double *error;               /* [rows][nfloats]: of the rules, and of rounding */
     double *variance;            /* [rows][nfloats]: of independent sets */
+    double *fourth;              /* [rows][nfloats]: of solids, the sum of its terms' squares; NULL else */
     double *size;                /* [rows][nfloats]: of the tiles' parts, whatever their signs */
     bool begun;                  /* sums_clear was called */
     double rounding;             /* of a sum, in parts of it */
@@ -62,6 +63,9 @@ void sums_gone(Sums *m, const uint8_t *active, const double jump[SLT_MAX_CHANNEL
  * that along seams. Derivatives by what moves one are then off by as much, and rules, which converge slowly there,
  * by a part of it; those on which rules agree are not. Returns the largest, in parts of the largest derivative. */
 double sums_rims(Sums *m, const uint8_t *active, const double rims[SLT_MAX_CHANNELS]);
+/* Of a solid's cells that are left few are looked at, and of a face perhaps two: an error that a few terms tell is
+ * itself uncertain, and grows as Student's t does beside the normal deviate. Called once, when all is merged. */
+void sums_few(Sums *m);
 /* In that share of the domain the volume is only sampled: which parameters it belongs to is not known. Adds to each
  * error what a part like it, on average, has of all of them together. */
 void sums_sampled(Sums *m, const uint8_t *active, double share);

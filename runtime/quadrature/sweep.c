@@ -556,6 +556,7 @@ SltStatus sweep_run(Sweep *p) {
         }
         st = sweep_work_off_left(p, start);
         for (uint32_t i = 0; i < r->nworkers; i++) p->unnamed |= p->worker[i].unnamed;
+        if (p->errors) sums_few(&p->sums);
         if (p->unnamed && p->errors) sums_unnamed(&p->sums, r->s->active, left, unit_of(p));
         if (p->errors) sums_gone(&p->sums, r->s->active, p->gone);
     }

@@ -146,7 +146,7 @@ static void attributes(void **state) {
     check_brief("[Rnge(0, 1)] param float a = 1.0;", "1:2 E0008");
     message("[Rnge(0, 1)] param float a = 1.0;", "unknown attribute `Rnge`; did you mean `Range`? [E0008]");
     message("void f() { [disc] if (a) b(); }", "did you mean `Disc`?");
-    message("void f() { [unroll] for (;;) b(); }", "unknown attribute `unroll` [E0008]");
+    message("void f() { [unroll] for (;;) b(); }", "unknown attribute `unroll`; leave it out");
     check_brief("[Range(1.0)] [Doc] [Doc(3)] [Log(1)] param float a = 1.0;",
                 "1:2 E0009; 1:15 E0009; 1:21 E0009; 1:30 E0009");
     check_brief("[NoDiff, NoDiff] param float a = 1.0;", "1:10 E0009");
