@@ -20,6 +20,8 @@ enum {
     LINES = 6
 };
 
+#define TINY 0x1p-8 /* side by side too many boxes are still no more of the domain's side */
+
 typedef struct Search {
     const Run *r;
     Batch batch;
@@ -67,7 +69,7 @@ static void add_faces(Search *q, uint32_t lane) {
     }
 }
 
-/* False: too many, or nothing is known of one. */
+/* False: nothing is known of one. */
 static bool keep_open(Search *q) {
     Batch *b = &q->batch;
     uint32_t kept = 0;
@@ -85,7 +87,7 @@ static bool keep_open(Search *q) {
         q->box[kept++] = q->box[i];
     }
     q->n = kept;
-    return kept <= MOST;
+    return true;
 }
 
 static void halve(Search *q) {
@@ -125,8 +127,11 @@ typedef enum Found {
 static Found find(Search *q, double spacing, uint32_t enough, uint32_t *level) {
     const SltScene *s = q->r->s;
     for (; *level < LEVELS; ++*level) {
-        if (!keep_open(q) || !q->n) return NOTHING;
-        bool small = (q->box[0].hi[0] - q->box[0].lo[0]) / (s->hi[0] - s->lo[0]) < spacing;
+        bool known = keep_open(q);
+        double side = (q->box[0].hi[0] - q->box[0].lo[0]) / (s->hi[0] - s->lo[0]);
+        if (!q->n) return NOTHING;
+        if (!known || q->n > MOST) return known && enough > ENOUGH && q->n * side < TINY ? POINTS : NOTHING;
+        bool small = side < spacing;
         if (q->n >= enough && small) return BOXES;
         if (*level + 1 == LEVELS || is_least(q)) return small ? POINTS : NOTHING;
         halve(q);
@@ -144,7 +149,7 @@ SltStatus unmet_add(Run *r, const Boundary *of, double *missed, double *error) {
     Found found = NOTHING;
     if (!memory) st = status_fail(r->err, SLT_LIMIT, "out of memory");
     if (memory) q->r = r, first_boxes(q);
-    for (uint32_t enough = ENOUGH, level = 0; st == SLT_OK; enough = 2 * q->n, level++) {
+    for (uint32_t enough = ENOUGH, level = 0; st == SLT_OK; level++) {
         found = find(q, pow(of->segments / s->dim, -1.0 / s->dim), enough, &level);
         if (found != BOXES) break;
         Windows windows = {.n = q->n, .lines = LINES, .vertices = LINES, .at = q->box};
@@ -153,6 +158,7 @@ SltStatus unmet_add(Run *r, const Boundary *of, double *missed, double *error) {
         memset(sum, 0, 3 * size * sizeof *sum);
         st = windows_run(r, &y, sum, &crossings);
         if (crossings > 0) break;
+        enough = 2 * q->n;
         halve(q); /* as many specks, each smaller than its boxes */
     }
     for (uint64_t i = 0; i < size && found != NOTHING && st == SLT_OK; i++) {
