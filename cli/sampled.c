@@ -138,9 +138,9 @@ const SltPlace *report_nonfinite_text(const SltStats *s, char *buf, size_t size)
 static const struct {
     const char *code;
     Warn *text;
-} sampled[] = {{"dropped", dropped_text}, {"coincident", coincident_text}, {"few_ulps", ulps_text},
-               {"out_of_range", range_text},
-               {"upset", upset_text},     {"singular", singular_text},     {"nonfinite", report_nonfinite_text}};
+} sampled[] = {{"dropped", dropped_text},           {"coincident", coincident_text}, {"few_ulps", ulps_text},
+               {"out_of_range", range_text},        {"upset", upset_text},           {"singular", singular_text},
+               {"nonfinite", report_nonfinite_text}};
 enum { SAMPLED = sizeof sampled / sizeof *sampled };
 
 void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s) { report_warnings_and(out, p, s, NULL, NULL); }

@@ -59,7 +59,8 @@ static void see(void *user, const Inst *i, const void *const *slot, const uint8_
     if (!asks && !number) return;
     Lost from = {0}, to = {0};
     for (uint32_t a = 0; a < i->nargs; a++)
-        if (i->args[a]->type == TY_FLT) from.low |= s->lost[i->args[a]->id].low, from.high |= s->lost[i->args[a]->id].high;
+        if (i->args[a]->type == TY_FLT)
+            from.low |= s->lost[i->args[a]->id].low, from.high |= s->lost[i->args[a]->id].high;
     for (uint32_t k = 0; k < LANES; k++) {
         if (!on[k]) continue;
         if (asks) {

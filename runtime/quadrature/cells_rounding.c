@@ -67,22 +67,10 @@ static bool take_own_slopes(Cells *c, const Column *from, const Column *to) {
 /* ---- what that does to a curve */
 #define USUAL 0.25 /* of the bound of what g rounds by, which assumes the worst and is doubled, */
 #define APART 0.25 /* and of that again where two cells look for one place: they meet much the same roundings */
-#define FEW 0x1p-8  /* half a float, in parts of a cell */
 #define BENT 4.0 /* more than slopes may vary in a cell, in parts: then bounds of them are loose */
 
-/* How far from the root the curve may lie: by what g rounds, and by what is left of it where places end. Where rounding
- * reaches as far as a cell, g has few values there, and all roots are off alike: nothing is left to chance. */
-static double place_error(const Root *r, double steep, double width) {
-    double part = smaller(larger(USUAL, r->of->error / (steep * width)), 1);
-    return (part * r->of->error + fabs(r->g)) / steep;
-}
-
-/* A root is a float: no matter but in cells that are few of them wide. */
-static double float_error(const Cells *c, const Root *r, double width) {
-    double half = 0;
-    for (uint32_t d = 0; d < c->dim; d++) half = larger(half, (c->b->f64 ? 0x1p-53 : 0x1p-24) * fabs(r->x[d]));
-    return half > FEW * width ? half : 0;
-}
+/* How far from the root the curve may lie: by what g rounds, and by what is left of it where places end. */
+static double place_error(const Root *r, double steep) { return (USUAL * r->of->error + fabs(r->g)) / steep; }
 
 /* Over a root's gradient: 1 / the least length on which the normal turns, or g steepens, in the cell. */
 static double bend_of(const Cells *c, const CellEdge *e, double width, double steep) {
@@ -98,7 +86,7 @@ static double end_error(const Cells *c, const Piece *p, uint32_t edge, const Col
     for (uint32_t i = k->first; i < k->first + k->nroots; i++) {
         const Root *r = &c->root[i];
         double half = (c->b->f64 ? 0x1p-53 : 0x1p-24) * fabs(r->x[p->base]);
-        if (r->edge == edge) return smaller(APART * place_error(r, fabs(r->dg[p->base]), length) + half, 0.5 * length);
+        if (r->edge == edge) return smaller(APART * place_error(r, fabs(r->dg[p->base])) + half, 0.5 * length);
     }
     return 0;
 }
@@ -122,8 +110,10 @@ static void blur_root(Cells *c, const Column *k, Root *r, double width, double e
     if (!r->wanted || !(steep > 0)) return;
     /* Bounds may know nothing of how g rounds (`pow` near 0): yet the root is on its line. */
     double line = (r->ends_at[1] - r->ends_at[0]) * fabs(r->dg[r->axis]) / steep;
-    double place = smaller(place_error(r, steep, width) + float_error(c, r, width), line), weight = k->weight / fabs(r->dg[r->axis]) * steep;
+    double place = smaller(place_error(r, steep), line), weight = k->weight / fabs(r->dg[r->axis]) * steep;
     double bent = place * bend_of(c, r->of, width, steep);
+    /* Where rounding reaches beyond the cell g has few values in it, and pieces are taken for hidden, or are none. */
+    if (r->of->error > steep * width) bent = larger(bent, BENT);
     if (!(bent < HUGE_VAL)) return;
     r->blur = bent + ends;
     if (k->rule == CELL_COARSE) return;

@@ -1,9 +1,9 @@
 /* Things so small that no line meets them, as a disc of 1e-6: of a site that has no crossing at all bounds say where it
  * may decide either way, and the boxes where it may are cut until they are many beside what is small, or none is left.
- * There lines of their own are sent. A site that bounds leave open in too many boxes is given up. What stays open in a few
- * boxes down to the least, as a disc of 1e-40 does, no line meets there either: it may have as much boundary as their
- * faces, and is taken to move by as much as a parameter does. Where bounds are loose at a point, that adds next to
- * nothing. */
+ * There lines of their own are sent. A site that bounds leave open in too many boxes is given up. What stays open in a
+ * few boxes down to the least, as a disc of 1e-40 does, no line meets there either: it may have as much boundary as
+ * their faces, and is taken to move by as much as a parameter does. Where bounds are loose at a point, that adds next
+ * to nothing. */
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
