@@ -70,19 +70,19 @@ static double face(const Box *b, uint32_t dim) {
     return shortest > 0 ? m / shortest : 0;
 }
 
-/* Cells that are hardly wider than two floats are apart, around what is smaller than that: what lines find there are
+/* Cells of which no side is much longer than two floats are apart, around what is smaller than that: what lines find there are
  * the sides of floats. Both sets of them find the same. */
 static void note_narrow(SweepWorker *v, const LeftCell *cell, uint32_t n) {
     const SltScene *s = v->sweep->run->s;
     memset(v->narrow, 0, sizeof v->narrow);
     for (uint32_t i = 0; i < n && !s->f64; i++) {
         const Box *b = &cell[i].box;
-        double shortest = HUGE_VAL, ulp = 0;
+        double longest = 0, ulp = 0;
         for (uint32_t d = 0; d < s->dim; d++) {
-            shortest = fmin(shortest, b->end[d] - b->lo[d]);
+            longest = fmax(longest, b->end[d] - b->lo[d]);
             ulp = fmax(ulp, FLT_EPSILON * fmax(fabs(b->lo[d]), fabs(b->end[d])));
         }
-        if (shortest > ulp) continue;
+        if (longest > ulp) continue;
         for (uint32_t c = 0; c < s->channels; c++) {
             double range = cell[i].bounds[2 * c + 1] - cell[i].bounds[2 * c];
             if (range < HUGE_VAL) v->narrow[c] += cell[i].stands * range * face(b, s->dim);
