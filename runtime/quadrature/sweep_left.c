@@ -70,8 +70,8 @@ static double face(const Box *b, uint32_t dim) {
     return shortest > 0 ? m / shortest : 0;
 }
 
-/* Cells of which no side is much longer than two floats are apart, around what is smaller than that: what lines find there are
- * the sides of floats. Both sets of them find the same. */
+/* Cells of which no side is much longer than two floats are apart, around what is smaller than that: what lines find
+ * there are the sides of floats. Both sets of them find the same. */
 static void note_narrow(SweepWorker *v, const LeftCell *cell, uint32_t n) {
     const SltScene *s = v->sweep->run->s;
     memset(v->narrow, 0, sizeof v->narrow);
