@@ -86,6 +86,17 @@ static const SltPlace *ulps_text(const SltStats *s, char *buf, size_t size) {
     return s->ulps > 0 ? &none_at : NULL;
 }
 
+/* Then nothing in the answer tells. */
+static const SltPlace *range_text(const SltStats *s, char *buf, size_t size) {
+    bool high = s->out_of_range > 0;
+    const char *text = s->out_of_range_at.text;
+    snprintf(buf, size,
+             "squares or products %s in single precision in much of the domain, and what comes of them is "
+             "asked%s%s%s: what is printed may be wrong by any amount; --precision f64, or other units",
+             high ? "are infinite" : "vanish", text ? ", `" : "", text ? text : "", text ? "`" : "");
+    return s->out_of_range ? &s->out_of_range_at : NULL;
+}
+
 /* Else the certificate would be believed of these jumps too. */
 static const SltPlace *upset_text(const SltStats *s, char *buf, size_t size) {
     snprintf(
@@ -127,8 +138,9 @@ const SltPlace *report_nonfinite_text(const SltStats *s, char *buf, size_t size)
 static const struct {
     const char *code;
     Warn *text;
-} sampled[] = {{"dropped", dropped_text}, {"coincident", coincident_text}, {"few_ulps", ulps_text},
-               {"upset", upset_text},     {"singular", singular_text},     {"nonfinite", report_nonfinite_text}};
+} sampled[] = {{"dropped", dropped_text},           {"coincident", coincident_text}, {"few_ulps", ulps_text},
+               {"out_of_range", range_text},        {"upset", upset_text},           {"singular", singular_text},
+               {"nonfinite", report_nonfinite_text}};
 enum { SAMPLED = sizeof sampled / sizeof *sampled };
 
 void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s) { report_warnings_and(out, p, s, NULL, NULL); }

@@ -73,6 +73,7 @@ struct SltProgram {
     SltPrint *on_print;           /* the caller's function (slt_set_print), which print calls */
     void *on_print_user;
     uint32_t nonfinite_sought;           /* place.c: searches that found nothing */
+    uint32_t scales_sought;              /* scale.c: searches */
     bool steep_looked, steep_told;       /* steep.c: of images; of a change that has no place in the source */
     double ms_front, ms_passes, ms_llvm; /* milliseconds spent compiling */
     bool cached;                         /* every module so far came from the cache */

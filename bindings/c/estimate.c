@@ -86,12 +86,13 @@ static SltStatus begin_gradient(ApiCall *c, SltProgram *p, const SltJob *job, bo
     return api_call_kernels(c, needs);
 }
 
-/* Where single precision tells too few places apart, the caller is told. */
+/* Where single precision tells too few places apart, or cannot hold their squares, the caller is told. */
 static void note_ulps(ApiCall *c, bool integral) {
     if (!c->stats) return;
     c->job.integral |= integral;
     double ulps = slt_estimate_ulps(&c->p->scene, &c->job);
     c->stats->ulps = ulps < SLT_FEW_ULPS ? ulps : 0;
+    api_find_scale(c->p, c->stats);
 }
 
 /* What is infinite or NaN stays so in the result; it is counted, and the first one's place is looked for. So are

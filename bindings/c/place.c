@@ -10,7 +10,7 @@
 #include "runtime/sample/grid.h"
 
 enum {
-    LANES = 64,
+    LANES = POINT_LANES,
     DECIDE_FUEL = 1 << 24,
     SEARCH_FUEL = 1 << 22, /* instructions, each on LANES points */
     SEARCHES = 4,          /* in vain, of a program: those of a fit would each cost as much */
@@ -19,7 +19,7 @@ enum {
 };
 
 /* ---- naming */
-static void name_place(const SltProgram *p, SltPlace *at, Span span) {
+void api_name_place(const SltProgram *p, SltPlace *at, Span span) {
     if (span.file < 0) return;
     const Source *source = &p->session->sources[span.file];
     at->file = source->path;
@@ -31,14 +31,7 @@ static void name_place(const SltProgram *p, SltPlace *at, Span span) {
 }
 
 /* ---- inputs of the interpreter */
-typedef struct Inputs {
-    SltKernelArgs args;
-    bool f64;
-    double flt[4][LANES], ones[LANES], zero[LANES], out[SLT_OUT_MAX][LANES]; /* float or double, by f64 */
-    int32_t stream[LANES];
-} Inputs;
-
-static void put(const Inputs *in, double *array, uint32_t lane, double v) {
+static void put(const PointInputs *in, double *array, uint32_t lane, double v) {
     if (in->f64) array[lane] = v;
     else ((float *)array)[lane] = (float)v;
 }
@@ -47,7 +40,7 @@ static double get(bool f64, const void *array, uint32_t lane) {
     return f64 ? ((const double *)array)[lane] : (double)((const float *)array)[lane];
 }
 
-static void inputs_begin(Inputs *in, const SltProgram *p) {
+void api_inputs_begin(PointInputs *in, const SltProgram *p) {
     memset(in, 0, sizeof *in);
     in->f64 = p->opt.f64;
     in->args = (SltKernelArgs){
@@ -60,7 +53,7 @@ static void inputs_begin(Inputs *in, const SltProgram *p) {
     in->args.in[SLT_IN_STREAM] = in->stream, in->args.in[SLT_IN_RAND0] = in->flt[3];
 }
 
-static void inputs_point(Inputs *in, uint32_t lane, const double x[3], int32_t stream, double rand0) {
+void api_inputs_point(PointInputs *in, uint32_t lane, const double x[3], int32_t stream, double rand0) {
     for (uint32_t d = 0; d < 3; d++) put(in, in->flt[d], lane, x[d]);
     put(in, in->flt[3], lane, rand0);
     in->stream[lane] = stream;
@@ -95,17 +88,17 @@ static void name_twin(const SltProgram *p, SltPlace *at) {
 
 static void name_drop(const SltProgram *p, SltPlace *at) {
     if (at->site) {
-        name_place(p, at, p->prog->primal->sites[at->site - 1].span);
+        api_name_place(p, at, p->prog->primal->sites[at->site - 1].span);
         return;
     }
-    Inputs in;
+    PointInputs in;
     uint64_t fuel = DECIDE_FUEL;
     Deciding t = {SPAN_NONE};
-    inputs_begin(&in, p);
-    inputs_point(&in, 0, at->x, at->stream, at->rand0);
-    inputs_point(&in, 1, at->beyond, at->stream, at->rand0);
+    api_inputs_begin(&in, p);
+    api_inputs_point(&in, 0, at->x, at->stream, at->rand0);
+    api_inputs_point(&in, 1, at->beyond, at->stream, at->rand0);
     if (ir_interpret_watched(p->prog->primal, &in.args, 2, 2, &fuel, 0, see_decision, &t) == SLT_OK)
-        name_place(p, at, t.span);
+        api_name_place(p, at, t.span);
 }
 
 typedef struct Naming {
@@ -215,7 +208,7 @@ static void chase(Chase *c, const Fn *fn) {
 }
 
 /* Which operation of fn, at the point of lane 0? */
-static Span find_origin(const SltProgram *p, const Fn *fn, Inputs *in) {
+static Span find_origin(const SltProgram *p, const Fn *fn, PointInputs *in) {
     Arena *scratch = &p->session->scratch;
     Origin o = {.f64 = p->opt.f64, .seen = ARENA_ARRAY(scratch, Seen, fn->ninsts + 1)};
     Chase c = {.o = &o, .stack = ARENA_ARRAY(scratch, const Inst *, fn->ninsts + 1)};
@@ -235,7 +228,7 @@ typedef struct Looking {
     const Fn *fn;
     const SltJob *job;
     Grid grid;
-    Inputs in;
+    PointInputs in;
     void *adjoint; /* of the parameters, for reverse kernels */
     void *direction;
     uint64_t fuel;
@@ -269,15 +262,15 @@ static bool look(Looking *l) {
     uint32_t n = l->n;
     l->n = 0;
     if (!n || l->found || !l->fuel) return l->found || !l->fuel;
-    for (uint32_t i = 0; i < n; i++) inputs_point(&l->in, i, l->at[i].x, l->at[i].stream, l->at[i].rand0);
+    for (uint32_t i = 0; i < n; i++) api_inputs_point(&l->in, i, l->at[i].x, l->at[i].stream, l->at[i].rand0);
     if (!run_is_bad(l, n)) return !l->fuel;
     for (uint32_t i = 0; i < n && !l->found; i++) {
-        inputs_point(&l->in, 0, l->at[i].x, l->at[i].stream, l->at[i].rand0);
+        api_inputs_point(&l->in, 0, l->at[i].x, l->at[i].stream, l->at[i].rand0);
         if (!run_is_bad(l, 1)) continue;
         l->found = true;
         *l->out = l->at[i];
         memset(l->adjoint, 0, sizeof(double) * (l->p->prog->nfloats + 1));
-        name_place(l->p, l->out, find_origin(l->p, l->fn, &l->in));
+        api_name_place(l->p, l->out, find_origin(l->p, l->fn, &l->in));
     }
     return l->found || !l->fuel;
 }
@@ -335,8 +328,8 @@ static bool look_at_lattice(Looking *l) {
 /* The two points of lanes 0 and 1: do they decide alike? */
 static bool decide_alike(Looking *l, const double a[3], const double b[3]) {
     Deciding t = {SPAN_NONE};
-    inputs_point(&l->in, 0, a, 0, 0);
-    inputs_point(&l->in, 1, b, 0, 0);
+    api_inputs_point(&l->in, 0, a, 0, 0);
+    api_inputs_point(&l->in, 1, b, 0, 0);
     l->in.args.n_valid = 2;
     if (ir_interpret_watched(l->p->prog->primal, &l->in.args, 2, 2, &l->fuel, 0, see_decision, &t) != SLT_OK)
         l->fuel = 0;
@@ -406,7 +399,7 @@ static void find_place(Session *s, void *user) {
         uint32_t nf = p->prog->nfloats;
         l->adjoint = ARENA_ARRAY(&s->scratch, double, nf + 1);
         l->direction = ARENA_ARRAY(&s->scratch, double, nf + 1);
-        inputs_begin(&l->in, p);
+        api_inputs_begin(&l->in, p);
         for (uint32_t f = 0; f < nf; f++) put(&l->in, l->direction, f, b->direction ? b->direction[f] : 1);
         l->in.args.adj = l->adjoint, l->in.args.dparams = l->direction;
         if (b->pixel) look_in_pixel(l, b->pixel, 0, n->job->spp > EXTRA ? n->job->spp : EXTRA);

@@ -122,6 +122,10 @@ typedef struct SltStats {
                                               of a derivative; and the operation that made it of finite numbers */
     double singular; /* error that is stated because a few samples, or crossings, beside which f is a small power of the
                         distance hold much of a derivative, in parts of the largest; 0: none do */
+    int out_of_range;         /* in single precision squares of lengths, in much of the domain, vanish (-1) or are
+                                 infinite (1), and a root or a [Disc] asks about them: answers are wrong by more than is stated;
+                                 0: they do not. Of the last call */
+    SltPlace out_of_range_at; /* that root, or the [Disc] */
 } SltStats;
 enum { SLT_FEW_ULPS = 32 };
 #define SLT_STATS_INIT ((SltStats){.struct_size = sizeof(SltStats)})

@@ -496,13 +496,26 @@ static double unit_of(const Sweep *p) {
     return (jump > 0 ? jump : 1) * size;
 }
 
+/* In single precision weights of a jump that is a few denormals are 0 or twice what they should be: what curves as long
+ * as the domain's sides weigh. */
+static void add_denormals(Sweep *p) {
+    enum { FEW = 32 };
+    const SltScene *s = p->run->s;
+    double moved[SLT_MAX_CHANNELS] = {0}, size = 0;
+    for (uint32_t d = 0; d < s->dim; d++) size += 2 * p->volume / (s->hi[d] - s->lo[d]);
+    for (uint32_t i = 0; i < p->run->nworkers; i++)
+        for (uint32_t c = 0; c < s->channels; c++)
+            if (p->worker[i].jump[c] < FEW * 0x1p-149) moved[c] = fmax(moved[c], p->worker[i].jump[c] * size);
+    sums_upset(&p->sums, s->active, moved);
+}
+
 SltStatus sweep_run(Sweep *p) {
     Run *r = p->run;
     sums_clear(&p->sums);
     p->counts = (CellCounts){0}, p->left_bound = p->loss = 0, p->nleft = p->nbeside = 0, p->mixed = false, p->lines = 2;
     p->differ = p->unseen = 0;
     p->short_of_volume = p->unnamed = p->sampled = false, p->volume_sampled = 0;
-    memset(p->gone, 0, sizeof p->gone);
+    memset(p->gone, 0, sizeof p->gone), memset(p->narrow, 0, sizeof p->narrow);
     memset(p->f, 0, sizeof p->f), memset(p->f_error, 0, sizeof p->f_error),
         memset(p->f_variance, 0, sizeof p->f_variance), memset(p->f_hidden, 0, sizeof p->f_hidden);
     uint64_t start = r->stats.evaluations, share = (uint64_t)((1 - p->left_share) * (double)p->budget), kept = 0;
@@ -536,6 +549,7 @@ SltStatus sweep_run(Sweep *p) {
     if (st == SLT_OK && p->errors && !p->cells_budget && !p->marches) st = deepen(p, start, share);
     double left = 0;
     if (p->errors) sums_upset(&p->sums, r->s->active, p->counts.upset_jump);
+    if (p->errors && !r->s->f64) add_denormals(p);
     if (p->errors) r->stats.singular = sums_rims(&p->sums, r->s->active, p->counts.rims);
     if (p->errors) sums_sampled(&p->sums, r->s->active, p->volume_sampled / p->volume);
     for (uint64_t i = 0; i < p->nleft; i++) left += sweep_measure(&p->left[i].box, r->s->dim) / p->volume;
@@ -558,7 +572,7 @@ SltStatus sweep_run(Sweep *p) {
         for (uint32_t i = 0; i < r->nworkers; i++) p->unnamed |= p->worker[i].unnamed;
         if (p->errors) sums_few(&p->sums);
         if (p->unnamed && p->errors) sums_unnamed(&p->sums, r->s->active, left, unit_of(p));
-        if (p->errors) sums_gone(&p->sums, r->s->active, p->gone);
+        if (p->errors) sums_gone(&p->sums, r->s->active, p->gone), sums_upset(&p->sums, r->s->active, p->narrow);
     }
     return st;
 }

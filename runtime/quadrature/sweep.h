@@ -83,21 +83,22 @@ typedef struct Sweep {
     bool waits, ends; /* volume that a tile had no evaluations for goes to `left`, for another round; there is none */
     Box *beside;      /* [nbeside]: cells of which the curves are integrated, and the volume gets samples */
     uint64_t nbeside, beside_cap;
-    double density;                /* of these samples */
-    double volume;                 /* of the domain */
-    double volume_sampled;         /* measure of cells whose volume is only sampled */
-    uint32_t lines;                /* across a cell that is left, along each axis */
-    uint64_t differ, unseen;       /* of segments in such cells: whose ends differ, and that lines with half as many
-                                      vertices would not have seen */
-    uint64_t first_chunk;          /* of the part of the list that is worked off */
-    Apart *apart;                  /* for boundaries that coincide there; NULL: not looked for */
-    bool marches;                  /* in cells that are left curves are followed from side to side: march.c */
-    bool sampled;                  /* cells that are left stand for others */
-    bool hides, cuts;              /* lines in them may step over what counts; they do: cut.c */
-    bool mixed;                    /* lines or samples were used */
-    bool unnamed;                  /* more events are open in what is left than bounds name */
-    double jump[SLT_MAX_CHANNELS]; /* the largest at the curves of cells */
-    double gone[SLT_MAX_CHANNELS]; /* what lines there could not integrate: sums_gone */
+    double density;                  /* of these samples */
+    double volume;                   /* of the domain */
+    double volume_sampled;           /* measure of cells whose volume is only sampled */
+    uint32_t lines;                  /* across a cell that is left, along each axis */
+    uint64_t differ, unseen;         /* of segments in such cells: whose ends differ, and that lines with half as many
+                                        vertices would not have seen */
+    uint64_t first_chunk;            /* of the part of the list that is worked off */
+    Apart *apart;                    /* for boundaries that coincide there; NULL: not looked for */
+    bool marches;                    /* in cells that are left curves are followed from side to side: march.c */
+    bool sampled;                    /* cells that are left stand for others */
+    bool hides, cuts;                /* lines in them may step over what counts; they do: cut.c */
+    bool mixed;                      /* lines or samples were used */
+    bool unnamed;                    /* more events are open in what is left than bounds name */
+    double jump[SLT_MAX_CHANNELS];   /* the largest at the curves of cells */
+    double gone[SLT_MAX_CHANNELS];   /* what lines there could not integrate: sums_gone */
+    double narrow[SLT_MAX_CHANNELS]; /* what boundary cells may hold that are narrower than floats tell apart */
 } Sweep;
 /* The members above `sums` are the caller's; `run` has begun. */
 SltStatus sweep_begin(Sweep *p);
@@ -127,16 +128,17 @@ struct SweepWorker {
     double jump[SLT_MAX_CHANNELS]; /* as in Sweep; of this worker's tiles */
     bool unnamed;
     double gone[SLT_MAX_CHANNELS]; /* as in Sweep; of the chunk in hand */
-    uint64_t differ, unseen;       /* segments of lines, so far, as in Sweep; */
-    uint64_t differ0, unseen0;     /* and before the chunk in hand */
-    const LeftCell *within;        /* the cell that the tile is; NULL: no such one */
-    uint8_t owner;                 /* which cell of its chunk lines go through: Segment.owner */
-    struct Hidden *hidden;         /* hidden.c: room for a chunk; NULL until it is needed */
-    struct March *march;           /* march.c, likewise */
-    Splat splat; /* SWEEP_RENDER, SWEEP_FORWARD: planes of the interior; SWEEP_LOSS: pixels of the tile */
-    Kept kept;   /* SWEEP_LOSS */
-    double vain; /* share of the cells that left_cut gave up */
-    bool failed; /* memory ran out */
+    double narrow[SLT_MAX_CHANNELS];
+    uint64_t differ, unseen;   /* segments of lines, so far, as in Sweep; */
+    uint64_t differ0, unseen0; /* and before the chunk in hand */
+    const LeftCell *within;    /* the cell that the tile is; NULL: no such one */
+    uint8_t owner;             /* which cell of its chunk lines go through: Segment.owner */
+    struct Hidden *hidden;     /* hidden.c: room for a chunk; NULL until it is needed */
+    struct March *march;       /* march.c, likewise */
+    Splat splat;               /* SWEEP_RENDER, SWEEP_FORWARD: planes of the interior; SWEEP_LOSS: pixels of the tile */
+    Kept kept;                 /* SWEEP_LOSS */
+    double vain;               /* share of the cells that left_cut gave up */
+    bool failed;               /* memory ran out */
 };
 /* What bounds say that a cell which is left can hide of the value: measure times the largest range of a channel. */
 double sweep_hidden(const Sweep *p, const LeftCell *l);

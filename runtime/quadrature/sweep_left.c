@@ -1,4 +1,5 @@
 /* What is left over: its list, worked off in chunks, and how much each of its cells gets. */
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -61,6 +62,34 @@ static void take_gone(SweepWorker *v) {
     memset(k->gone, 0, sizeof k->gone), v->w->finder.parts_gone = 0;
 }
 
+/* How large a piece of a boundary a cell may hold: its largest face. A gap between two floats holds as much as the cell
+ * that it was cut from. */
+static double face(const Box *b, uint32_t dim) {
+    double m = 1, shortest = HUGE_VAL;
+    for (uint32_t d = 0; d < dim; d++) m *= b->end[d] - b->lo[d], shortest = fmin(shortest, b->end[d] - b->lo[d]);
+    return shortest > 0 ? m / shortest : 0;
+}
+
+/* Cells of which no side is much longer than two floats are apart, around what is smaller than that: what lines find
+ * there are the sides of floats. Both sets of them find the same. */
+static void note_narrow(SweepWorker *v, const LeftCell *cell, uint32_t n) {
+    const SltScene *s = v->sweep->run->s;
+    memset(v->narrow, 0, sizeof v->narrow);
+    for (uint32_t i = 0; i < n && !s->f64; i++) {
+        const Box *b = &cell[i].box;
+        double longest = 0, ulp = 0;
+        for (uint32_t d = 0; d < s->dim; d++) {
+            longest = fmax(longest, b->end[d] - b->lo[d]);
+            ulp = fmax(ulp, FLT_EPSILON * fmax(fabs(b->lo[d]), fabs(b->end[d])));
+        }
+        if (longest > ulp) continue;
+        for (uint32_t c = 0; c < s->channels; c++) {
+            double range = cell[i].bounds[2 * c + 1] - cell[i].bounds[2 * c];
+            if (range < HUGE_VAL) v->narrow[c] += cell[i].stands * range * face(b, s->dim);
+        }
+    }
+}
+
 static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     Sweep *p = user;
     SweepWorker *v = &p->worker[worker];
@@ -106,6 +135,7 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     /* A number of evaluations that is given is obeyed: then the few cells alone have told. */
     if (p->hides && !p->run->j->max_evaluations && !left_cut(v, first, from, n, done, seen)) return false;
     take_gone(v);
+    note_narrow(v, first, n);
     v->w->finder.lost = NULL, v->w->sink.coincide.apart = NULL, v->w->finder.ties = false;
     v->w->sink.coincide.tied = v->w->finder.tied = NULL;
     if (p->marches && !left_curves(v, first, n, false)) return false;
@@ -119,18 +149,10 @@ static void left_merge(void *user, uint32_t worker, uint64_t chunk) {
     SweepWorker *v = &p->worker[worker];
     (void)chunk;
     p->left_bound += v->left_bound;
-    for (uint32_t c = 0; c < p->run->s->channels; c++) p->gone[c] += v->gone[c];
+    for (uint32_t c = 0; c < p->run->s->channels; c++) p->gone[c] += v->gone[c], p->narrow[c] += v->narrow[c];
     p->differ += v->differ - v->differ0, p->unseen += v->unseen - v->unseen0;
     SumMode mode = p->marches && !p->sampled ? SUM_CURVES : p->run->s->dim == 1 ? SUM_LINE : SUM_SETS;
     sweep_merge_sums(p, v, p->errors ? mode : SUM_ONE, left_divisor(v));
-}
-
-/* How large a piece of a boundary a cell may hold: its largest face. A gap between two floats holds as much as the cell
- * that it was cut from. */
-static double face(const Box *b, uint32_t dim) {
-    double m = 1, shortest = HUGE_VAL;
-    for (uint32_t d = 0; d < dim; d++) m *= b->end[d] - b->lo[d], shortest = fmin(shortest, b->end[d] - b->lo[d]);
-    return shortest > 0 ? m / shortest : 0;
 }
 
 /* Would a curve through all cells be of any length? Around points they are many and small. Where most of the domain is

@@ -1,4 +1,5 @@
 /* Means and bars. */
+#include <float.h>
 #include <math.h>
 #include <stddef.h>
 
@@ -56,5 +57,12 @@ void bars_add_missed(const Replicates *k, double *error) {
     for (uint64_t i = 0; i < k->size; i++) {
         error[i] += fabs(mean_of(k->missed, NULL, k->n, k->size, i, &v));
         error[i] += sqrt(v);
+    }
+}
+
+void bars_add_denormals(const double *gradient, uint32_t nfloats, double crossings, double weight, double *error) {
+    for (uint32_t p = 0; p < nfloats; p++) {
+        double typical = gradient[p] != 0 ? fmin(fabs(gradient[p]) / crossings, weight) : weight;
+        if (typical < (double)FLT_MIN) error[p] += 0x1p-150 * crossings;
     }
 }

@@ -310,6 +310,19 @@ static bool wants_gradient(const SltIntegral *out) {
     return out->gradient || out->gradient_stderr || out->interior || out->boundary || out->missed_estimate;
 }
 
+/* In single precision weights of crossings may be denormals: where the domain is tiny, or a jump. */
+static void least_of_weights(const Run *r, double segments, uint32_t replicates, SltIntegral *out) {
+    const SltScene *s = r->s;
+    double line = 1, widest = 0; /* the least cross-section that a line stands for */
+    for (uint32_t d = 0; d < s->dim; d++) line *= s->hi[d] - s->lo[d], widest = fmax(widest, s->hi[d] - s->lo[d]);
+    line *= 1 / widest / pow(segments / s->dim, (s->dim - 1.0) / s->dim);
+    for (uint32_t c = 0; c < s->channels; c++) {
+        uint64_t first = (uint64_t)c * s->nfloats;
+        bars_add_denormals(out->gradient + first, s->nfloats, (double)r->kept.n / replicates,
+                           r->kept.by[c] / (double)r->kept.n * line, out->gradient_stderr + first);
+    }
+}
+
 /* Lines may meet what all samples have missed, a shell of a millionth of the domain: these then agree, and know no
  * error. It is no less than what one sample weighs that falls where f has jumped as it does at crossings. */
 static void least_of_value(const Run *r, double *value_stderr) {
@@ -405,6 +418,8 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
             if (asks) st = finer_missed(&r, &of, k.n, &missed.number);
             if (st == SLT_OK) st = lost_add(&r, &of, k.n, missed.number > 0 ? &missed : NULL, out->gradient_stderr);
         }
+        if (!s->f64 && r.kept.n && out->gradient_stderr && out->gradient)
+            least_of_weights(&r, segments_of(j) / k.n, k.n, out);
         /* Bars that overflow, of slopes as small as 1e-40, are not known either. */
         for (uint64_t i = 0; i < k.size && out->gradient_stderr && out->gradient; i++)
             if (isnan(out->gradient_stderr[i]) && isfinite(out->gradient[i])) out->gradient_stderr[i] = HUGE_VAL;

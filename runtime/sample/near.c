@@ -160,6 +160,7 @@ void near_flush(Worker *w) {
                 p->c[rest++] = p->c[i];
                 continue;
             }
+            s.fine = true; /* the slope of g may be another a little beside the root, where all is so narrow */
             s.tb = p->c[i].t, s.mb = m;
             finder_push(&w->finder, &s);
             s.ta = s.tb, s.ma = m, s.tb = 1, s.mb = p->c[i].s.mb;

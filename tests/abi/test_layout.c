@@ -161,6 +161,8 @@ static void write_layout(FILE *out) {
     MEMBER(SltStats, dropped_at);
     MEMBER(SltStats, nonfinite_at);
     MEMBER(SltStats, singular);
+    MEMBER(SltStats, out_of_range);
+    MEMBER(SltStats, out_of_range_at);
     END(SltStats);
     STRUCT(SltIntegral);
     MEMBER(SltIntegral, struct_size);

@@ -19,7 +19,6 @@ WAYS = [(e, p) for p in ("f64", "f32") for e in ("auto", "lattice", "quadrature"
 ROUNDING = {"f64": 1e-9, "f32": 2e-5}
 PAGE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "docs", "extremes.md")
 PI = math.pi
-BLIND = "no line meets it, and nothing estimates what no line meets"
 
 
 class Kink:
@@ -142,7 +141,10 @@ def rows():
     add(k, "wedge `abs(y) < w x`", shader("w = 1e-6", "[Disc] if (abs(x.y) < w * x.x) f = 1.0;"), {"w": 1})
     add(k, "1000 teeth of 1e-6", shader("w = 1e-3", "[Disc] float u = frac(500.0 * x.x + 0.25); [Disc] if (u < w) f = 1.0;"), {"w": 4})
     add(k, "hole of 1e-6 in a disc", shader("r = 0.4, q = 1e-6", "float d = length(x); [Disc] if (d < r) f = 1.0; [Disc] if (d < q) f = 0.0;"), {"r": 0.8 * PI, "q": -2e-6 * PI})
-    add(k, "ellipse of 0.5 by 1e-6", shader("a = 0.5, b = 1e-6", "[Disc] if (length(float2(x.x / a, (x.y - 0.1) / b)) < 1.0) f = 1.0;"), {"a": PI * 1e-6, "b": PI * 0.5}, known={"lattice": "the probe sees its flat sides; what is lost at its ends, where it is small both ways, is not estimated"})
+    add(k, "ellipse of 0.5 by 1e-6", shader("a = 0.5, b = 1e-6", "[Disc] if (length(float2(x.x / a, (x.y - 0.1) / b)) < 1.0) f = 1.0;"), {"a": PI * 1e-6, "b": PI * 0.5})
+    add(k, "ellipse of 0.3 by 1e-5", shader("a = 0.3, b = 1e-5", "[Disc] if (length(float2(x.x / a, (x.y - 0.1) / b)) < 1.0) f = 1.0;"), {"a": PI * 1e-5, "b": PI * 0.3})
+    add(k, "the same, turned", shader("a = 0.3, b = 1e-5", "float2 u = float2(0.8 * x.x + 0.6 * x.y, 0.8 * x.y - 0.6 * x.x) - 0.1; [Disc] if (length(float2(u.x / a, u.y / b)) < 1.0) f = 1.0;"), {"a": PI * 1e-5, "b": PI * 0.3})
+    add(k, "ellipse of 1e-3 by 1e-6", shader("a = 1e-3, b = 1e-6", "[Disc] if (length(float2((x.x - 0.1) / a, (x.y - 0.3) / b)) < 1.0) f = 1.0;"), {"a": PI * 1e-6, "b": PI * 1e-3})
 
     # ---- Long loops
     k = "10^5 iterations"
@@ -173,18 +175,27 @@ def rows():
     add(k, "`1e6 + d < 1e6`", disc("1e6 + d < 1e6"), circle)
     add(k, "`1e4 + d < 1e4`", disc("1e4 + d < 1e4"), circle)
     add(k, "`sqrt(1 + 1e-4 d) < 1`", disc("sqrt(1.0 + 1e-4 * d) < 1.0"), circle)
-    add(k, "`cos(1e-3 |x|) > cos(1e-3 r)`", disc("cos(1e-3 * length(x)) > cos(1e-3 * r)"), circle, known={"quadrature f32": "g has eight values in all of the domain, and of the bound of its rounding a quarter is stated"})
+    add(k, "`cos(1e-3 |x|) > cos(1e-3 r)`", disc("cos(1e-3 * length(x)) > cos(1e-3 * r)"), circle)
     add(k, "`(|x| + 1e4)^2 < (r + 1e4)^2`", disc("(length(x) + 1e4) * (length(x) + 1e4) < (r + 1e4) * (r + 1e4)"), circle)
     add(k, "`(|x|^2 - r^2)^3`, multiplied out", disc("u * u * u - 3.0 * u * u * s + 3.0 * u * s * s - s * s * s < 0.0".replace("u", "dot(x, x)").replace("s", "(r * r)")), circle)
     add(k, "shading `1e7 + x - 1e7`", shader("r = 0.4", "[Disc] if (length(x) < r) f = (1e7 + 100.0 * x.x) - 1e7;"), {"r": 0})
 
     # ---- Denormals
     k = "denormals"
-    for s in (1e-38, 1e-42):
+    for s in (1e-38, 1e-42, 1e-44):
         add(k, "a jump of %.0e" % s, shader("r = 0.4", "[Disc] if (length(x) < r) f = %r;" % s), {"r": 0.8 * PI * s})
     add(k, "a jump of 1e-310", shader("r = 0.4, j = 1e-310", "[Disc] if (length(x) < r) f = j;"), {"r": 0.8 * PI * 1e-310, "j": 0.16 * PI}, f32=False)
-    add(k, "a disc of radius 1e-40", shader("r = 1e-40", "[Disc] if (length(x) < r) f = 1.0;"), {"r": 2e-40 * PI}, known={"lattice": BLIND})
-    add(k, "a domain of 1e-40", shader("a = 4e-41", "[Disc] if (x.x < a) f = 1.0;", "0.0, 1e-40"), {"a": 1e-40}, known={"lattice f32": "780 floats from line to line: roots are no finer, and no warning comes above 32"})
+    add(k, "a disc of radius 1e-40", shader("r = 1e-40", "[Disc] if (length(x) < r) f = 1.0;"), {"r": 2e-40 * PI})
+    for s in (1e-20, 1e-12):
+        add(k, "a disc of radius %.0e" % s, shader("r = %r" % s, "[Disc] if (length(x - float2(0.1, 0.3)) < r) f = 1.0;"), {"r": 2 * PI * s})
+    add(k, "a disc of 1e-12 by `dot(x, x) < r r`", shader("r = 1e-12", "[Disc] if (dot(x, x) < r * r) f = 1.0;"), {"r": 2e-12 * PI})
+    add(k, "two specks of 1e-9", shader("r = 1e-9, q = 1e-9", "[Disc] if (min(length(x - 0.1) - r, length(x + 0.3) - q) < 0.0) f = 1.0;"), {"r": 2e-9 * PI, "q": 2e-9 * PI})
+    add(k, "two specks of 1e-9, by two comparisons", shader("r = 1e-9, q = 1e-9", "[Disc] if (length(x - 0.1) < r) f += 1.0; [Disc] if (length(x + 0.3) < q) f += 1.0;"), {"r": 2e-9 * PI, "q": 2e-9 * PI})
+    add(k, "twenty specks of 1e-9", shader("r = 1e-9", "for (int i = 0; i < 20; i++) { [Disc] if (length(x - float2(0.09 * float(i) - 0.87, sin(float(i)))) < r) f += 1.0; }"), {"r": 40e-9 * PI})
+    add(k, "a ball of 1e-9", shader("r = 1e-9", "[Disc] if (length(x - 0.1) < r) f = 1.0;", dim=3), {"r": 4e-18 * PI})
+    add(k, "a stretch of 1e-9", shader("r = 1e-9", "[Disc] if (abs(x - 0.1) < r) f = 1.0;", dim=1), {"r": 2})
+    add(k, "a stretch of 1e-40", shader("r = 1e-40", "[Disc] if (abs(x) < r) f = 1.0;", dim=1), {"r": 2})
+    add(k, "a domain of 1e-40", shader("a = 4e-41", "[Disc] if (x.x < a) f = 1.0;", "0.0, 1e-40"), {"a": 1e-40})
     add(k, "`1e-40 x + 1e-40 y < 1e-40 a`", shader("a = 0.1", "[Disc] if (1e-40 * x.x + 1e-40 * x.y < 1e-40 * a) f = 1.0;"), {"a": 1.9})
 
     # ---- Infinities and NaN
@@ -224,8 +235,23 @@ def rows():
         add(k, "%.0e from the origin" % o, far(o), circle)
     for o in (1e9, 1e12, 1e15):
         add(k, "%.0e from the origin" % o, far(o), circle, f32=False)
-    for s in (1e-30, 1e-15, 1e15, 1e18, 1e30):
-        add(k, "sides of %.0e" % s, far(-s / 2, s), {"r": 0.4 * PI * s}, known={"f32": "`length` is 0 or infinite as rounded: nothing jumps in what the program computes"} if abs(math.log10(s)) > 19 else None)
+    for s in (1e-30, 1e-25, 1e-22, 1e-20, 1e-19, 1e-15, 1e15, 1e18, 1e19, 1e20, 1e25, 1e30):
+        add(k, "sides of %.0e" % s, far(-s / 2, s), {"r": 0.4 * PI * s})
+    by_squares = lambda s: shader("r = %r" % (0.2 * s), "[Disc] if (dot(x, x) < r * r) f = 1.0;", "%r, %r" % (-s / 2, s / 2))
+    for s in (1e-30, 1e-20, 1e20, 1e30):
+        add(k, "sides of %.0e, `dot(x, x) < r r`" % s, by_squares(s), {"r": 0.4 * PI * s})
+    for s in (1e-25, 1e25):
+        add(k, "lengths times %.0e" % s, shader("r = %r" % (0.4 * s), "[Disc] if (length(%r * x) < r) f = 1.0;" % s), {"r": 0.8 * PI / s})
+        add(k, "sides of %.0e, a line" % s, shader("a = %r" % (0.2 * s), "[Disc] if (x.x < a) f = 1.0;", "%r, %r" % (-s / 2, s / 2)), {"a": s})
+        add(k, "sides of %.0e, 3D" % s, shader("r = %r" % (0.2 * s), "[Disc] if (length(x) < r) f = 1.0;", "%r, %r" % (-s / 2, s / 2), 3), {"r": 4 * PI * (0.2 * s) ** 2}, options=["--samples", "16384"], f32=s < 1)
+    add(k, "a centre of 1e30", shader("r = 0.4, c = 1e30", "[Disc] if (length(x - c) < r) f = 1.0;"), {"r": 0, "c": 0})
+    add(k, "a radius of 1e30", shader("r = 1e30", "[Disc] if (length(x) < r) f = 1.0;"), {"r": 0})
+    add(k, "a radius of 1e30, by squares", shader("r = 1e30", "[Disc] if (dot(x, x) < r * r) f = 1.0;"), {"r": 0})
+    add(k, "1e20 from the origin, sides of 1e19", far(1e20, 1e19), {"r": 0.4 * PI * 1e19})
+    add(k, "`tan(1.5707 x) < a`, a = 1e4", shader("a = 1e4", "[Disc] if (tan(1.5707 * x.x) < a) f = 1.0;"), {"a": 2 / 1.5707 / (1 + 1e8)},
+        known={w: "beside the pole the slope of g changes by 2e-6 within what a root is known to, 1e-10, and all lines are off alike" for w in ("lattice f64", "auto f64")})
+    add(k, "`exp(180 x) < exp(180 a)`", shader("a = 0.3", "[Disc] if (exp(180.0 * x.x) < exp(180.0 * a)) f = 1.0;"), {"a": 2})
+    add(k, "`exp(180 x) exp(180 y) < a`", shader("a = 1e30", "[Disc] if (exp(180.0 * x.x) * exp(180.0 * x.y) < a) f = 1.0;"), {"a": (2 - math.log(1e30) / 180) / 180e30})
     add(k, "1e6 by 1e-6", shader("a = 0.3", "[Disc] if (x.x * 1e-6 + x.y * 1e6 < a) f = 1.0;", "float2(0.0, 0.0), float2(1e6, 1e-6)"), {"a": 0.3})
     add(k, "a line of 1e-6", shader("a = 3e-7", "[Disc] if (x < a) f = 1.0;", "0.0, 1e-6", 1), {"a": 1})
     return out
@@ -346,7 +372,7 @@ def remake(page, answers):
         for t in found.values():
             count[t.verdict] = count.get(t.verdict, 0) + 1
     blocks["counts"] = ["%d runs of %d programs: %s." % (sum(count.values()), len(answers), ", ".join("%d %s" % (count[v], v) for v in ("holds", "wide", "warned", "silent", "refused", "failed") if v in count))]
-    blocks["known"] = ["- %s, %s (%s): %s" % (row.kind, row.name, ways or "all", why) for row, _ in answers for ways, why in row.known.items()]
+    blocks["known"] = ["- %s, %s (%s): %s" % (row.kind, row.name, ways or "all", why) for row, _ in answers for ways, why in row.known.items()] or ["None of the runs above."]
     for key, lines in blocks.items():
         mark = "<!-- %s -->\n" % key
         before, _, after = text.partition(mark)

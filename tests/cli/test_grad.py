@@ -390,6 +390,42 @@ class Bars(Case):
         self.put("c.salt", CIRCLE)
         self.assertEqual([], self.json_cli("grad", "c.salt", "--integral")["warnings"])
 
+    def test_squares_beyond_floats(self):
+        """Lengths that f32 cannot square are 0 or infinite: nothing is inside, and only a warning tells."""
+        disc = "param float r = %g;\n[Domain(-%g, %g)]\nshader float main(float2 x) { [Disc] if (%s) return 1.0; return 0.0; }"
+        said = lambda *options: [w["code"] for w in self.json_cli("grad", "f.salt", "--integral", *options)["warnings"]]
+        for side in 1e-30, 1e-22, 1e20, 1e30:
+            for g in "length(x) < r", "dot(x, x) < r * r":
+                self.put("f.salt", disc % (0.4 * side, side, side, g))
+                for estimator in "auto", "lattice", "quadrature":
+                    self.assertIn("out_of_range", said("--estimator", estimator), (side, g))
+                self.assertEqual([], said("--precision", "f64"))
+            self.assertRegex(self.run_cli("grad", "f.salt", "--integral").err, r"f\.salt:3.*single precision.*`saltus explain out_of_range`")
+            self.put("f.salt", disc % (0.4 * side, side, side, "x.x < r"))
+            self.assertEqual([], said())
+        self.put("f.salt", disc % (0.4, 1, 1, "length(1e25 * x) < 1e25 * r"))
+        self.assertIn("out_of_range", said())
+        for g in "length(max(abs(x) - r, 0.0)) <= 0.0", "exp(-1e4 * dot(x, x)) > r", "1e-30 * length(x) < 1e-30 * r":
+            self.put("f.salt", disc % (0.4, 1, 1, g))
+            self.assertNotIn("out_of_range", said(), g)
+
+    def test_what_no_line_meets(self):
+        """Of specks bounds tell where they are; the stated error grows by what may hide there, and by next to nothing where nothing does."""
+        speck = "param float r = %g;\nshader float main(float2 x) { float f = 0.0; %s return f; }"
+        for body in "[Disc] if (length(x - 0.5) < r) f = 1.0;", "for (int i = 0; i < 20; i++) { [Disc] if (length(x - float2(0.04 * i + 0.1, 0.5 + 0.4 * sin(float(i)))) < r) f = 1.0; }":
+            for r in 1e-9, 1e-40:
+                self.put("s.salt", speck % (r, body))
+                j = self.json_cli("grad", "s.salt", "--integral", "--estimator", "lattice", "--precision", "f64")
+                self.assertGreater(4 * j["stderr"]["r"], 40 * 3.15 * r if "for" in body else 6.3 * r)
+                self.assertLess(j["stderr"]["r"], 1e-6)
+
+    def test_thin_ellipse(self):
+        """Near its ends the slope of g changes within what roots of wider shapes are known to: .023 of the derivative was lost, and not stated."""
+        self.put("e.salt", "param float a = 0.5, b = 1e-6;\n[Domain(-1.0, 1.0)]\nshader float main(float2 x) { [Disc] if (length(float2(x.x / a, (x.y - 0.1) / b)) < 1.0) return 1.0; return 0.0; }"
+                 .replace("a = 0.5, b", "a = 0.5; param float b"))
+        j = self.json_cli("grad", "e.salt", "--integral", "--estimator", "lattice", "--precision", "f64", "--samples", 65536)
+        self.assertLess(abs(j["gradient"]["b"] - 1.5707963), 0.002)
+
 
 class Check(Case):
     def test_pass(self):

@@ -122,7 +122,7 @@ class Dropped(Case):
 
 class Explain(Case):
     def test_codes(self):
-        for code in "dropped", "coincident", "no_event", "no_root", "zero_gradient", "not_finite", "inconsistent", "static", "depth", "upset", "few_ulps", "nonfinite", "steep", "missed":
+        for code in "dropped", "coincident", "no_event", "no_root", "zero_gradient", "not_finite", "inconsistent", "static", "depth", "upset", "few_ulps", "out_of_range", "nonfinite", "steep", "missed":
             self.assertRegex(self.run_cli("explain", code).out, r"^%s \(warning\): " % code)
         self.assertEqual(self.run_cli("explain", "NO_EVENT").out, self.run_cli("explain", "no_event").out)
         self.assertEqual(self.run_cli("explain", "e0401").out, self.run_cli("explain", "E0401").out)
