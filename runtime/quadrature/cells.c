@@ -567,6 +567,7 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     if (o->coarse) gauss_rule(&c->rule[CELL_COARSE], o->coarse);
     else c->rule[CELL_COARSE].n = 0;
     c->slack = o->slack, c->tallest = c->broadest = CELL_FEWEST, c->broad = c->rule[CELL_FINE].n, c->unasked = 0;
+    memset(c->deep, 0, sizeof c->deep);
     c->tall = o->tall && o->tall < c->rule[CELL_FINE].n ? o->tall : c->rule[CELL_FINE].n;
     c->bits = log2(fmin(10 * o->tolerance, 0.5));
     for (int r = 0; r < CELL_RULES; r++) {

@@ -447,7 +447,7 @@ static bool cut_piece(Cells *c, const Piece *p) {
     return true;
 }
 
-bool cells_evaluate(Cells *c, uint32_t first, bool values) {
+bool cells_evaluate(Cells *c, uint32_t first) {
     uint32_t n = c->npiece - first;
     if (!find_present(c, first) || !look_at_middles(c, first)) return false;
     if (c->o->flat && !cells_part_borders(c, first)) return false;
@@ -464,9 +464,7 @@ bool cells_evaluate(Cells *c, uint32_t first, bool values) {
             if ((p->present || c->o->volume) && !add_columns(c, first + i, (CellRule)r)) return false;
     }
     c->first_column[n] = c->ncolumn;
-    if (!solve_columns(c, c->first_column, n) || !cells_take_sides(c) || !tie_columns(c)) return false;
-    if (c->o->volume && !cells_add_columns_of_points(c)) return false;
-    return !values || !c->nspot || cells_take_values(c);
+    return solve_columns(c, c->first_column, n) && cells_take_sides(c) && tie_columns(c);
 }
 
 bool cells_emit_columns(Cells *c, const Column *from, const Column *to) {
@@ -501,41 +499,48 @@ void cells_copy_piece(Cells *c, uint32_t to, uint32_t from) {
     for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) c->piece[to].edge[e] = p->edge[e];
 }
 
-/* Integrates over the pieces from `first` on, and puts in their place those that must be halved. */
-static bool integrate(Cells *c, uint32_t first) {
-    bool compare = !c->o->fixed && c->rule[CELL_COARSE].n;
-    if (!cells_evaluate(c, first, compare && !c->o->flat)) return false;
-    uint32_t n = c->npiece - first;
-    uint32_t spot = 0, kept = first;
-    double bent = 0, length = 0;
+/* Do the rules agree on the curves of pieces, and on areas that these tell? */
+static void compare_curves(Cells *c, uint32_t first, uint32_t n, bool compare) {
     for (uint32_t i = 0; i < n; i++) {
         Piece *p = &c->piece[first + i];
         const Column *from = &c->column[c->first_column[i]], *to = &c->column[c->first_column[i + 1]];
-        uint32_t end = spot;
-        while (end < c->nspot && c->spot[end].owner == first + i) end++;
-        bool agree = true, smooth = true;
-        if (compare && p->arc) agree = cells_arc_agrees(c, p, &smooth);
-        else if (compare && c->dim > 1) agree = curves_agree(c, p, from, to);
+        p->agrees = p->smooth = true;
+        if (compare && p->arc) p->agrees = cells_arc_agrees(c, p, &p->smooth);
+        else if (compare && c->dim > 1) p->agrees = curves_agree(c, p, from, to);
+        if (compare && p->alone && !p->arc) p->smooth = cells_borders_agree(c, p, from, to);
+        p->last = p->halvings >= PIECE_HALVINGS || p->parts >= (c->dim > 1 ? PIECE_PARTS / 16 : PIECE_PARTS) ||
+                  c->cell[p->cell].cuts >= CELL_CUTS || cells_spent(c);
+    }
+}
+
+/* Integrates over the pieces from `first` on, and puts in their place those that must be halved. */
+static bool integrate(Cells *c, uint32_t first) {
+    bool compare = !c->o->fixed && c->rule[CELL_COARSE].n;
+    if (!cells_evaluate(c, first)) return false;
+    uint32_t n = c->npiece - first, kept = first;
+    double bent = 0, length = 0;
+    compare_curves(c, first, n, compare);
+    bool values = compare && c->o->volume && !c->o->flat;
+    if (values && !cells_take_points(c, first, n)) return false;
+    if (c->o->volume && !values && !cells_add_points(c, first)) return false;
+    for (uint32_t i = 0; i < n; i++) {
+        Piece *p = &c->piece[first + i];
+        const Column *from = &c->column[c->first_column[i]], *to = &c->column[c->first_column[i + 1]];
+        const uint32_t spot = p->spots[0], end = p->spots[1];
+        bool agree = p->agrees, smooth = p->smooth, last = p->last;
         if (p->bend > 0 && !(p->turn > 0)) bent += p->bend * length_of(p), length += length_of(p);
-        if (compare && p->alone && !p->arc) smooth = cells_borders_agree(c, p, from, to);
-        else if (compare && c->o->volume && !p->arc)
-            smooth = c->o->flat ? cells_parts_agree(c, spot, end) : cells_values_agree(c, spot, end, 1);
+        if (compare && c->o->flat && c->o->volume && !p->alone && !p->arc) smooth = cells_parts_agree(c, spot, end);
         bool any = end > spot; /* with none there may be no list */
         const Spot *spots = any ? c->spot + spot : NULL, *beyond = any ? c->spot + end : NULL;
         bool layer =
             compare && c->o->volume && agree && smooth && any && cells_layer(c, p, from, to, spots, beyond, false) > 0;
         smooth &= !layer;
-        bool last = p->halvings >= PIECE_HALVINGS || p->parts >= (c->dim > 1 ? PIECE_PARTS / 16 : PIECE_PARTS) ||
-                    c->cell[p->cell].cuts >= CELL_CUTS;
         /* Beside its curves f may be steep: then that is a matter for smaller cells, not for longer columns. */
         bool alone = compare && c->o->volume && !c->o->flat && agree && any && !c->cell[p->cell].curves_done;
         bool hides = alone && (smooth || (!layer && p->parts >= PIECE_STEEP)) &&
                      ((!smooth && c->dim < 2) || cells_hides_beside(c, p, from, to, spots, beyond));
-        if (hides && put_back(c, p)) {
-            spot = end;
-            continue;
-        }
-        if ((agree && smooth) || last || cells_spent(c)) {
+        if (hides && put_back(c, p)) continue;
+        if ((agree && smooth) || last || (agree && cells_spent(c))) {
             if (!cells_emit_columns(c, from, to)) return false;
             if (p->graded) cells_doubt_rims(c, from, to, spot, end);
             cells_emit_beyond(c, p);
@@ -545,13 +550,12 @@ static bool integrate(Cells *c, uint32_t first) {
             if (p->arc) cells_emit_arc(c, p);
             else if (p->alone) cells_emit_borders(c, p, from, to);
             else if (c->o->flat) cells_emit_parts(c, spot, end);
-            else cells_emit_spots(c, spot, end);
+            else cells_emit_spots(c, spot, end, compare);
         } else {
             if (!shorten(c, first + i, agree, layer, from, to)) return false;
             if (kept != first + i) cells_copy_piece(c, kept, first + i);
             kept++;
         }
-        spot = end;
     }
     if (length > 0) c->bend = c->bend > 0 ? 0.5 * (c->bend + bent / length) : bent / length;
     c->npiece = kept;

@@ -98,13 +98,13 @@ static bool is_steep(Cells *c, const double lo[3], const double end[3], const do
 }
 
 /* Bounds of any box may be asked where none need lists or chunks of their own. */
-static bool may_ask(const Cells *c) { return !c->lists.any && !c->prunes && !c->o->trial; }
+bool cells_may_ask(const Cells *c) { return !c->lists.any && !c->prunes && !c->o->trial; }
 
-static bool may_hunt(const Cells *c) { return may_ask(c) && c->hunted <= HUNT + (c->b->evaluations - c->began) / 4; }
+static bool may_hunt(const Cells *c) { return cells_may_ask(c) && c->hunted <= HUNT + (c->b->evaluations - c->began) / 4; }
 
 bool cells_doubts(Cells *c, const Smooth *s, const Spot *first, const Spot *end) {
     Met met = met_by(c, first, end);
-    return may_ask(c) && is_suspect(c, s->f, &met, c->o->grid[0] > 0 ? LOOSER : LOOSE);
+    return cells_may_ask(c) && is_suspect(c, s->f, &met, c->o->grid[0] > 0 ? LOOSER : LOOSE);
 }
 
 bool cells_hides_peak(Cells *c, const Smooth *s, const Spot *first, const Spot *end) {
@@ -127,7 +127,7 @@ static double section_of(const Cells *c, const Smooth *s, double *side) {
 
 void cells_state_hidden(Cells *c, const Smooth *s, const Spot *first, const Spot *end, bool agree) {
     double side, section = section_of(c, s, &side);
-    if (!may_ask(c)) return;
+    if (!cells_may_ask(c)) return;
     Met met = met_by(c, first, end);
     bool doubt = is_suspect(c, s->f, &met, LOOSER);
     for (uint32_t ch = 0; ch < c->s->channels && !agree; ch++) doubt |= varies(c, met.f[0][ch], met.f[1][ch]);
