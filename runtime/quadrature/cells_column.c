@@ -162,6 +162,13 @@ static void inherit(Cells *c, uint32_t first) {
     }
 }
 
+/* Must the sides of a root lie next to it? What f is there is what it is a little farther off, but where it may have a
+ * root singularity at the curve, or where other curves are near. */
+static bool lies_next(const Cells *c, const Piece *p, const Root *r) {
+    bool rough = c->cell[p->cell].state & SLT_BOX_ROUGH;
+    return !c->o->flat && (c->dim != 2 || c->slack > 0 || rough || r->twin || r->band);
+}
+
 /* The column above the middle of each piece: where the curves are there, and which of them change the region. */
 static bool look_at_middles(Cells *c, uint32_t first) {
     find_heirs(c, first);
@@ -175,7 +182,7 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         for (uint32_t set = p->present & ~p->heirs, e; cells_take_edge(&set, &e);) {
             if (!add_root(c, k, e, p->edge[e].height)) return false;
             Root *r = &c->root[c->nroot - 1];
-            if (!c->o->flat) r->slack = -1; /* its sides lie next to it */
+            if (lies_next(c, p, r)) r->slack = -1;
             r->turns = c->slack;
         }
     }
@@ -229,8 +236,8 @@ static bool add_roots(Cells *c, uint32_t piece, Column *k, double along) {
         r->twin = edge->twin, r->wanted = edge->open, r->tie = edge->tie;
         r->band = edge->band;
         if (c->o->flat || (known && (c->b->f64 || k->rule == CELL_FINE)) || r->band) r->sides = edge->sides;
-        bool asked = r->wanted && !r->sides; /* next to the root these must lie */
-        r->slack = asked || r->of->state & SLT_EDGE_BENDS ? -1 : c->slack > 0 ? c->slack : r->slack;
+        bool next = r->wanted && !r->sides && lies_next(c, p, r);
+        r->slack = next || r->of->state & SLT_EDGE_BENDS ? -1 : c->slack > 0 ? c->slack : r->slack;
         if (!known) continue;
         r->x[p->axis] = edge->height, r->g = edge->g, r->solved = true;
         memcpy(r->dg, edge->dg, sizeof r->dg);
@@ -352,8 +359,8 @@ static void add_moments(const Cells *c, const Sides *s, const double by[4], doub
  * The length of the curve's element is that of the tangent in the middle times (d_k g there) / d_k g: what the
  * derivatives of the integral are made of. */
 static void measure_curve(const Cells *c, const Piece *p, const Column *from, const Column *to, uint32_t edge,
-                          double sum[CELL_RULES][SLT_MAX_CHANNELS][4], double *most, double *total) {
-    double moment[CELL_RULES][4] = {{0}}; /* where f is flat, and jumps by as much all along the curve */
+                          bool alike, double sum[CELL_RULES][SLT_MAX_CHANNELS][4], double *most, double *total) {
+    double moment[CELL_RULES][4] = {{0}}; /* where f jumps by as much all along the curve */
     const PieceEdge *e = &p->edge[edge];
     double mid[3] = {0}, half[3] = {1, 1, 1}, tangent = 1;
     middle(c, p, mid);
@@ -370,11 +377,11 @@ static void measure_curve(const Cells *c, const Piece *p, const Column *from, co
             if (r->edge != edge) continue;
             double w = k->weight * tangent * fabs(e->dg[p->axis] / r->dg[p->axis]), by[4] = {w};
             for (uint32_t d = 0; d < c->dim; d++) by[1 + d] = w * (r->x[d] - mid[d]) / half[d];
-            if (c->o->flat)
+            if (alike)
                 for (uint32_t d = 0; d <= c->dim; d++) moment[k->rule][d] += by[d];
             else add_moments(c, cells_sides(c, r), by, sum[k->rule], most, total);
         }
-    for (int r = 0; r < CELL_RULES && c->o->flat; r++)
+    for (int r = 0; r < CELL_RULES && alike; r++)
         add_moments(c, &c->sides[e->sides - 1], moment[r], sum[r], most, total);
 }
 
@@ -385,15 +392,15 @@ void cells_note_bend(const Cells *c, Piece *p, double apart) {
     p->bend = apart > floor || !(c->bend > 0) ? most : smaller(0.5 * c->bend, most);
 }
 
-/* Do the rules agree on the curves of a piece? Sets its bend. */
-static bool curves_agree(const Cells *c, Piece *p, const Column *from, const Column *to) {
+/* Do the rules agree on the curves of a piece? Sets its bend. alike: f is taken to jump by as much as in the middle. */
+static bool curves_agree(const Cells *c, Piece *p, const Column *from, const Column *to, bool alike) {
     double apart = 0;
     bool agree = true;
     for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) {
         double sum[CELL_RULES][SLT_MAX_CHANNELS][4], most = 0, total = 0;
         if (!p->edge[e].open) continue;
         for (int r = 0; r < CELL_RULES; r++) memset(sum[r], 0, c->s->channels * sizeof *sum[r]);
-        measure_curve(c, p, from, to, e, sum, &most, &total);
+        measure_curve(c, p, from, to, e, alike, sum, &most, &total);
         double least = larger(c->o->tolerance * most * c->width, cells_rounding(c) * total);
         for (uint32_t ch = 0; ch < c->s->channels; ch++)
             for (uint32_t m = 0; m <= c->dim; m++) {
@@ -447,6 +454,24 @@ static bool cut_piece(Cells *c, const Piece *p) {
     return true;
 }
 
+static bool is_last(Cells *c, const Piece *p) {
+    return p->halvings >= PIECE_HALVINGS || p->parts >= (c->dim > 1 ? PIECE_PARTS / 16 : PIECE_PARTS) ||
+           c->cell[p->cell].cuts >= CELL_CUTS || cells_spent(c);
+}
+
+/* Pieces whose curves the rules do not agree on, whatever f is beside them, need not be told that. */
+static void drop_bent(Cells *c, uint32_t first, uint32_t n) {
+    bool may = !c->o->fixed && !c->o->flat && c->rule[CELL_COARSE].n && c->dim == 2;
+    for (uint32_t i = 0; i < n; i++) {
+        Piece *p = &c->piece[first + i];
+        const Column *from = &c->column[c->first_column[i]], *to = &c->column[c->first_column[i + 1]];
+        p->last = is_last(c, p);
+        p->agrees = !may || p->last || p->arc || p->base < 0 || curves_agree(c, p, from, to, true);
+        if (p->agrees || from == to) continue;
+        for (uint32_t r = from->first, end = to[-1].first + to[-1].nroots; r < end; r++) c->root[r].wanted = false;
+    }
+}
+
 bool cells_evaluate(Cells *c, uint32_t first) {
     uint32_t n = c->npiece - first;
     if (!find_present(c, first) || !look_at_middles(c, first)) return false;
@@ -464,7 +489,9 @@ bool cells_evaluate(Cells *c, uint32_t first) {
             if ((p->present || c->o->volume) && !add_columns(c, first + i, (CellRule)r)) return false;
     }
     c->first_column[n] = c->ncolumn;
-    return solve_columns(c, c->first_column, n) && cells_take_sides(c) && tie_columns(c);
+    if (!solve_columns(c, c->first_column, n)) return false;
+    drop_bent(c, first, n);
+    return cells_take_sides(c) && tie_columns(c);
 }
 
 bool cells_emit_columns(Cells *c, const Column *from, const Column *to) {
@@ -504,12 +531,11 @@ static void compare_curves(Cells *c, uint32_t first, uint32_t n, bool compare) {
     for (uint32_t i = 0; i < n; i++) {
         Piece *p = &c->piece[first + i];
         const Column *from = &c->column[c->first_column[i]], *to = &c->column[c->first_column[i + 1]];
-        p->agrees = p->smooth = true;
+        p->smooth = true;
+        if (!p->agrees) continue;
         if (compare && p->arc) p->agrees = cells_arc_agrees(c, p, &p->smooth);
-        else if (compare && c->dim > 1) p->agrees = curves_agree(c, p, from, to);
+        else if (compare && c->dim > 1) p->agrees = curves_agree(c, p, from, to, c->o->flat);
         if (compare && p->alone && !p->arc) p->smooth = cells_borders_agree(c, p, from, to);
-        p->last = p->halvings >= PIECE_HALVINGS || p->parts >= (c->dim > 1 ? PIECE_PARTS / 16 : PIECE_PARTS) ||
-                  c->cell[p->cell].cuts >= CELL_CUTS || cells_spent(c);
     }
 }
 
