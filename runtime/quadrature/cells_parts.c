@@ -28,7 +28,7 @@ static uint32_t depths_of(Cells *c, const Column *k, Depth *depth[CELL_EDGES + 1
     return parts;
 }
 
-static bool fill(Cells *c, uint32_t i, const Column *from, const Column *to) {
+static bool fill(Cells *c, uint32_t i, Column *from, Column *to) {
     uint32_t most[CELL_EDGES + 1];
     Depth *depth[CELL_EDGES + 1];
     Piece *p = &c->piece[i];
@@ -58,7 +58,10 @@ static uint32_t varying(const Cells *c, const Piece *p) {
 static bool learn(Cells *c, const Piece *p, const Column *from) {
     Depth *depth[CELL_EDGES + 1];
     uint32_t parts = depths_of(c, from, depth), vary = varying(c, p);
-    bool fewer = p->smooth && p->depth > LEAST && cells_values_agree(c, p->spots[0], p->spots[1], CELL_FEWER);
+    bool fewer = false;
+    for (uint32_t k = 0; k < parts && p->smooth; k++)
+        fewer |= vary >> (k < 31 ? k : 31) & 1 && depth[k]->points == p->depth && p->depth > depth[k]->least;
+    fewer = fewer && cells_values_agree(c, p->spots[0], p->spots[1], CELL_FEWER);
     for (uint32_t k = 0; k < parts; k++) {
         Depth *d = depth[k];
         bool varies = vary >> (k < 31 ? k : 31) & 1;
@@ -75,7 +78,7 @@ bool cells_take_points(Cells *c, uint32_t first, uint32_t n) {
     while (waiting) {
         for (uint32_t i = 0; i < n; i++) {
             Piece *p = &c->piece[first + i];
-            const Column *from = &c->column[c->first_column[i]], *to = &c->column[c->first_column[i + 1]];
+            Column *from = &c->column[c->first_column[i]], *to = &c->column[c->first_column[i + 1]];
             if (!p->again) continue;
             p->spots[0] = p->spots[1] = c->nspot, p->capped = false;
             if ((p->agrees || p->last) && !fill(c, first + i, from, to)) return false;

@@ -247,15 +247,16 @@ bool cells_parts_agree(const Cells *c, uint32_t from, uint32_t to) {
     return apart <= larger(c->o->tolerance * c->volume, cells_part_noise(c, total));
 }
 
-bool cells_fill_piece(Cells *c, uint32_t i, const Column *from, const Column *to, const uint32_t *depth) {
+bool cells_fill_piece(Cells *c, uint32_t i, Column *from, Column *to, const uint32_t *depth) {
     Piece *p = &c->piece[i];
     p->spots[0] = p->spots[1] = c->nspot, p->capped = false;
     if (from == to || !c->cell[p->cell].common || p->alone) return true;
-    for (const Column *k = from, *end; k < to; k = end) {
-        end = k + 1;
+    for (Column *k = from, *end; k < to; k = end) {
+        end = k + 1, k->spots[0] = c->nspot;
         while (c->o->flat && end < to && k->rule == end->rule) end++;
         if (!(c->o->flat ? fill_parts(c, k, end) : fill_column(c, k, (CellRule)k->rule, depth, &p->capped)))
             return false;
+        k->spots[1] = c->nspot;
     }
     p->spots[1] = c->nspot;
     return true;
