@@ -201,10 +201,10 @@ typedef struct Piece {
     bool smooth;       /* likewise on f between them */
     bool layer;        /* f lies outside of what points beside its curves have met: cells_layer */
     bool hides;        /* bounds say that points there may miss something */
-    bool capped;       /* it has fewer points there than its columns are long for */
+    uint32_t capped;   /* bit by part, those from 31 on together: it has fewer points than its columns are long for */
     bool again;        /* and needs more */
-    uint8_t depth;     /* then: most that a part of it was given */
-    uint32_t spots[2]; /* its own: c->spot[spots[0]] .. */
+    uint8_t depth, tries; /* most points that a column of it has between two roots; how often it got more */
+    uint32_t spots[2];    /* its own: c->spot[spots[0]] .. */
     PieceEdge edge[CELL_EDGES];
 } Piece;
 
@@ -694,6 +694,7 @@ void cells_add_borders(Cells *c, const Piece *p, const double area[CELL_RULES], 
 bool cells_end_borders(Cells *c, Cell *cell);
 
 /* ---- cells_parts.c */
+static inline uint32_t cells_part_bit(uint32_t part) { return 1u << (part < 31 ? part : 31); }
 /* Spots between the curves of pieces that need them, f there, and Piece.smooth. */
 bool cells_take_points(Cells *c, uint32_t first, uint32_t n);
 

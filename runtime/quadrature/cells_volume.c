@@ -165,16 +165,17 @@ uint32_t cells_part_ends(const Cells *c, const Column *k, double heights[CELL_ED
 }
 
 /* On a column, between one root and the next. depth[part]: most points there; NULL: as many as its length asks for.
- * capped: some got fewer for that. */
-static bool fill_column(Cells *c, const Column *k, CellRule rule, const uint32_t *depth, bool *capped) {
-    const Piece *p = &c->piece[k->piece];
+ * Sets Piece.capped and Piece.depth. */
+static bool fill_column(Cells *c, const Column *k, CellRule rule, const uint32_t *depth) {
+    Piece *p = &c->piece[k->piece];
     double x[3], from = c->cell[p->cell].box.lo[p->axis], heights[CELL_EDGES + 1];
     uint32_t n = cells_part_ends(c, k, heights), most = c->cell[p->cell].slice < 0 ? c->rule[CELL_FINE].n : c->tall;
     memcpy(x, k->x, sizeof x);
     for (uint32_t i = 0; i < n; from = heights[i++]) {
         const GaussRule *g = p->graded ? &c->rule[rule] : rule_along(c, rule, heights[i] - from, most);
         if (depth && g->n > depth[i] - (rule == CELL_COARSE))
-            g = &c->of[depth[i] - (rule == CELL_COARSE)], *capped = true;
+            g = &c->of[depth[i] - (rule == CELL_COARSE)], p->capped |= cells_part_bit(i);
+        if (g->n > p->depth) p->depth = (uint8_t)g->n;
         for (uint32_t q = 0; q < g->n * p->parts && heights[i] > from; q++) {
             double begin = cells_part_begins(p, q / g->n), length = cells_part_begins(p, q / g->n + 1) - begin;
             double t = begin + g->x[q % g->n] * length, w = g->w[q % g->n] * length;
@@ -249,13 +250,12 @@ bool cells_parts_agree(const Cells *c, uint32_t from, uint32_t to) {
 
 bool cells_fill_piece(Cells *c, uint32_t i, Column *from, Column *to, const uint32_t *depth) {
     Piece *p = &c->piece[i];
-    p->spots[0] = p->spots[1] = c->nspot, p->capped = false;
+    p->spots[0] = p->spots[1] = c->nspot, p->capped = p->depth = 0;
     if (from == to || !c->cell[p->cell].common || p->alone) return true;
     for (Column *k = from, *end; k < to; k = end) {
         end = k + 1, k->spots[0] = c->nspot;
         while (c->o->flat && end < to && k->rule == end->rule) end++;
-        if (!(c->o->flat ? fill_parts(c, k, end) : fill_column(c, k, (CellRule)k->rule, depth, &p->capped)))
-            return false;
+        if (!(c->o->flat ? fill_parts(c, k, end) : fill_column(c, k, (CellRule)k->rule, depth))) return false;
         k->spots[1] = c->nspot;
     }
     p->spots[1] = c->nspot;
@@ -373,7 +373,7 @@ bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *
     uint32_t first = c->nspot;
     for (const Column *k = from; k < to; k++)
         for (int r = 0; k->rule == CELL_FINE && r < CELL_RULES; r++)
-            if (!fill_column(c, k, (CellRule)r, NULL, NULL)) return false;
+            if (!fill_column(c, k, (CellRule)r, NULL)) return false;
     if (!cells_take_values(c, first)) return false;
     *differ = !cells_values_agree(c, first, c->nspot, 1);
     c->nspot = first;
