@@ -93,7 +93,8 @@ void cells_drop_bent(Cells *c, uint32_t first, uint32_t n) {
         p->last = is_last(c, p);
         p->agrees = !may || p->last || p->arc || p->base < 0 || curves_agree(c, p, from, to, true);
         if (p->agrees || from == to) continue;
-        for (uint32_t r = from->first, end = to[-1].first + to[-1].nroots; r < end; r++) c->root[r].wanted = false;
+        for (uint32_t r = from->first, end = to[-1].first + to[-1].nroots; r < end; r++)
+            c->root[r].wanted = false, c->root[r].tie = 0;
     }
 }
 
