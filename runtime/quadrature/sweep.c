@@ -276,10 +276,11 @@ static bool tile_work(void *user, uint32_t worker, uint64_t tile) {
     sweep_begin_tile(v, &p->tile[tile]);
     v->within = p->nparents ? &p->parent[tile] : NULL;
     if (!sweep_begin_splat(v, &p->tile[tile])) return false;
-    bool rigid = !p->interior || p->run->s->rigid; /* what happens away from curves is f's value */
+    /* What happens away from curves is f's value. Not of solids: what these cost tells how much is cut. */
+    bool known = p->run->s->dim < 3, rigid = !p->interior || (known && p->run->s->rigid);
     CellSink sink = {.curve = take_curve,
                      .volume = sweep_volume,
-                     .value = rigid && p->kind == SWEEP_INTEGRAL ? take_value : NULL,
+                     .value = known && rigid && p->kind == SWEEP_INTEGRAL ? take_value : NULL,
                      .constant = !rigid || p->kind >= SWEEP_FORWARD ? NULL : take_constant,
                      .left = take_left,
                      .sampled = take_sampled,
