@@ -90,7 +90,7 @@ void cells_drop_bent(Cells *c, uint32_t first, uint32_t n) {
     for (uint32_t i = 0; i < n; i++) {
         Piece *p = &c->piece[first + i];
         const Column *from = &c->column[c->first_column[i]], *to = &c->column[c->first_column[i + 1]];
-        p->last = is_last(c, p);
+        p->last = c->dim < 3 && is_last(c, p); /* pieces of solids are not cut */
         p->agrees = !may || p->last || p->arc || p->base < 0 || curves_agree(c, p, from, to, true);
         if (p->agrees || from == to) continue;
         for (uint32_t r = from->first, end = to[-1].first + to[-1].nroots; r < end; r++)
