@@ -107,6 +107,16 @@ static void find_list_counts(const Block *b, uint32_t counts[SLT_MAX_CULL], uint
     }
 }
 
+/* Does a reverse kernel add to any adjoint? */
+static bool adds_adjoints(const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_adj) return true;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (adds_adjoints(i->region[r])) return true;
+    }
+    return false;
+}
+
 static void find_noted(const Block *b, uint8_t *noted) {
     for (const Inst *i = b->first; i; i = i->next) {
         if (i->op == OP_note) noted[i->imm.i] = 1;
@@ -257,6 +267,7 @@ static void build_body(Session *s, void *arg) {
             bool adds = back_dense_adjoints(set.fn[k], p->dense);
             if (k == K_SITE_VJP) p->scene.site_logs = !adds && !p->opt.interpret;
         }
+        if (k == K_VJP) p->scene.rigid = !adds_adjoints(set.fn[k]->body);
         if (set.tape[k].bytes_per_lane > p->scene.tape_bytes) p->scene.tape_bytes = set.tape[k].bytes_per_lane;
         if (p->opt.interpret) p->scene.kernel[k] = interpreted;
         else if (is_long(&set, k)) long_req[nlong++] = (KernelRequest){kernel_names[k], set.fn[k]};

@@ -59,7 +59,7 @@ void cells_free(Cells *c) {
     free(c->active), free(c->order), free(c->stretch), free(c->cut), free(c->rim), free(c->first_column);
     free(c->straight), free(c->spot), free(c->smooth), free(c->sides), free(c->trial), free(c->tie), free(c->arc),
         free(c->arc_point);
-    untie_free(c->untie), apart_free(c->apart), finer_free(&c->finer), free(c->gap), free(c->face);
+    untie_free(c->untie), apart_free(c->apart), finer_free(&c->finer), free(c->gap), free(c->face), free(c->beside);
     for (int r = 0; r < CELL_RULES; r++) free(c->crossing[r]);
     for (int r = 0; r < CELL_POINTS; r++) free(c->point[r]);
     lists_free(&c->lists);
@@ -560,13 +560,14 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     c->o = o, c->sink = sink, c->counts = counts;
     c->began = c->b->evaluations;
     while (c->nstack > c->oldest) free(c->stack[--c->nstack].runs); /* of a tile that was stopped */
-    c->failed = false, c->nstack = c->oldest = c->nsmooth = c->npiece = c->ngap = 0, c->bend = 0, c->hunted = 0,
-    c->tried = c->differ = 0, c->most = o->seen;
+    c->failed = false, c->nstack = c->oldest = c->nsmooth = c->npiece = c->ngap = c->nbeside = 0, c->bend = 0,
+    c->hunted = 0, c->tried = c->differ = 0, c->most = o->seen;
     memset(c->straight, 0, c->s->nsites);
     gauss_rule(&c->rule[CELL_FINE], o->gauss);
     if (o->coarse) gauss_rule(&c->rule[CELL_COARSE], o->coarse);
     else c->rule[CELL_COARSE].n = 0;
     c->slack = o->slack, c->tallest = c->broadest = CELL_FEWEST, c->broad = c->rule[CELL_FINE].n, c->unasked = 0;
+    memset(c->deep, 0, sizeof c->deep);
     c->tall = o->tall && o->tall < c->rule[CELL_FINE].n ? o->tall : c->rule[CELL_FINE].n;
     c->bits = log2(fmin(10 * o->tolerance, 0.5));
     for (int r = 0; r < CELL_RULES; r++) {

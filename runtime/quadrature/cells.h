@@ -53,6 +53,8 @@ typedef struct CellSink {
     /* n <= BATCH points in the volume, of one rule or of both; all lie in `within`, the cell or its tile. Not called
      * where CellOptions.volume is false. */
     void (*volume)(void *user, const CellPoint *p, uint32_t n, CellRule rule, const Box *within);
+    /* A point of which f is known already; NULL: those too come as all others do. */
+    void (*value)(void *user, double weight, const double *f, CellRule rule);
     /* f is this constant in all of a cell, and no points are needed; NULL: points come all the same. */
     void (*constant)(void *user, const Box *cell, const double *f);
     /* A cell that is neither settled nor curved. bounds[2 * channels]: lo and hi of f by channel, infinite where not

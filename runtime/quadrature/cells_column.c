@@ -162,6 +162,13 @@ static void inherit(Cells *c, uint32_t first) {
     }
 }
 
+/* Must the sides of a root lie next to it? What f is there is what it is a little farther off, but where it may have a
+ * root singularity at the curve, or where other curves are near. */
+static bool lies_next(const Cells *c, const Piece *p, const Root *r) {
+    bool rough = c->cell[p->cell].state & SLT_BOX_ROUGH;
+    return !c->o->flat && (c->dim != 2 || c->slack > 0 || rough || r->twin || r->band);
+}
+
 /* The column above the middle of each piece: where the curves are there, and which of them change the region. */
 static bool look_at_middles(Cells *c, uint32_t first) {
     find_heirs(c, first);
@@ -175,7 +182,7 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         for (uint32_t set = p->present & ~p->heirs, e; cells_take_edge(&set, &e);) {
             if (!add_root(c, k, e, p->edge[e].height)) return false;
             Root *r = &c->root[c->nroot - 1];
-            if (!c->o->flat) r->slack = -1; /* its sides lie next to it */
+            if (lies_next(c, p, r)) r->slack = -1;
             r->turns = c->slack;
         }
     }
@@ -229,8 +236,8 @@ static bool add_roots(Cells *c, uint32_t piece, Column *k, double along) {
         r->twin = edge->twin, r->wanted = edge->open, r->tie = edge->tie;
         r->band = edge->band;
         if (c->o->flat || (known && (c->b->f64 || k->rule == CELL_FINE)) || r->band) r->sides = edge->sides;
-        bool asked = r->wanted && !r->sides; /* next to the root these must lie */
-        r->slack = asked || r->of->state & SLT_EDGE_BENDS ? -1 : c->slack > 0 ? c->slack : r->slack;
+        bool next = r->wanted && !r->sides && lies_next(c, p, r);
+        r->slack = next || r->of->state & SLT_EDGE_BENDS ? -1 : c->slack > 0 ? c->slack : r->slack;
         if (!known) continue;
         r->x[p->axis] = edge->height, r->g = edge->g, r->solved = true;
         memcpy(r->dg, edge->dg, sizeof r->dg);
@@ -338,76 +345,7 @@ static void emit_crossing(Cells *c, const Root *r) {
     x->weight = k->weight / fabs(r->dg[r->axis]) * (k->rule == CELL_COARSE ? 1 + r->blur : 1);
 }
 
-/* ---- is a piece short enough? */
-static void add_moments(const Cells *c, const Sides *s, const double by[4], double sum[SLT_MAX_CHANNELS][4],
-                        double *most, double *total) {
-    for (uint32_t ch = 0; ch < c->s->channels; ch++) {
-        double jump = s->f[1][ch] - s->f[0][ch];
-        *most = larger(*most, fabs(jump)), *total += by[0] * fabs(jump);
-        for (uint32_t d = 0; d <= c->dim; d++) sum[ch][d] += jump * by[d];
-    }
-}
-
-/* The integral of |jump| along the curve that the rule gives, by channel, and its moments in the position on the piece.
- * The length of the curve's element is that of the tangent in the middle times (d_k g there) / d_k g: what the
- * derivatives of the integral are made of. */
-static void measure_curve(const Cells *c, const Piece *p, const Column *from, const Column *to, uint32_t edge,
-                          double sum[CELL_RULES][SLT_MAX_CHANNELS][4], double *most, double *total) {
-    double moment[CELL_RULES][4] = {{0}}; /* where f is flat, and jumps by as much all along the curve */
-    const PieceEdge *e = &p->edge[edge];
-    double mid[3] = {0}, half[3] = {1, 1, 1}, tangent = 1;
-    middle(c, p, mid);
-    if (p->base >= 0) {
-        half[p->base] = 0.5 * (p->at[p->base][1] - p->at[p->base][0]);
-        tangent += e->dg[p->base] * e->dg[p->base] / (e->dg[p->axis] * e->dg[p->axis]);
-    }
-    mid[p->axis] = e->height;
-    half[p->axis] = 0.5 * (c->cell[p->cell].box.end[p->axis] - c->cell[p->cell].box.lo[p->axis]);
-    tangent = sqrt(tangent);
-    for (const Column *k = from; k < to; k++)
-        for (uint32_t i = 0; i < k->nroots; i++) {
-            const Root *r = &c->root[k->first + i];
-            if (r->edge != edge) continue;
-            double w = k->weight * tangent * fabs(e->dg[p->axis] / r->dg[p->axis]), by[4] = {w};
-            for (uint32_t d = 0; d < c->dim; d++) by[1 + d] = w * (r->x[d] - mid[d]) / half[d];
-            if (c->o->flat)
-                for (uint32_t d = 0; d <= c->dim; d++) moment[k->rule][d] += by[d];
-            else add_moments(c, cells_sides(c, r), by, sum[k->rule], most, total);
-        }
-    for (int r = 0; r < CELL_RULES && c->o->flat; r++)
-        add_moments(c, &c->sides[e->sides - 1], moment[r], sum[r], most, total);
-}
-
-void cells_note_bend(const Cells *c, Piece *p, double apart) {
-    uint32_t coarse = cells_rule_of(c, p, CELL_COARSE)->n;
-    double floor = c->b->f64 ? 0x1p-40 : 0x1p-16; /* what rounding may make of it, moments of thin pieces included */
-    double most = powf((float)larger(apart, floor), 0.5f / (float)coarse) / length_of(p);
-    p->bend = apart > floor || !(c->bend > 0) ? most : smaller(0.5 * c->bend, most);
-}
-
-/* Do the rules agree on the curves of a piece? Sets its bend. */
-static bool curves_agree(const Cells *c, Piece *p, const Column *from, const Column *to) {
-    double apart = 0;
-    bool agree = true;
-    for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) {
-        double sum[CELL_RULES][SLT_MAX_CHANNELS][4], most = 0, total = 0;
-        if (!p->edge[e].open) continue;
-        for (int r = 0; r < CELL_RULES; r++) memset(sum[r], 0, c->s->channels * sizeof *sum[r]);
-        measure_curve(c, p, from, to, e, sum, &most, &total);
-        double least = larger(c->o->tolerance * most * c->width, cells_rounding(c) * total);
-        for (uint32_t ch = 0; ch < c->s->channels; ch++)
-            for (uint32_t m = 0; m <= c->dim; m++) {
-                double d = fabs(sum[CELL_FINE][ch][m] - sum[CELL_COARSE][ch][m]);
-                agree &= d <= least;
-                if (total > 0) apart = larger(apart, d / total);
-            }
-    }
-    if (p->base >= 0) cells_note_bend(c, p, apart);
-    return agree;
-}
-
-/* What rounding or a singularity keeps apart would be cut without end. */
-enum { PIECE_STEEP = 4, PIECE_HALVINGS = 24, PIECE_PARTS = 1024, CELL_CUTS = 512 };
+enum { PIECE_STEEP = 4 };
 
 /* What to try next with a piece on which the rules differ. Where f alone is to blame it may have a root singularity at
  * a curve; else its base or its columns are too long. */
@@ -447,7 +385,7 @@ static bool cut_piece(Cells *c, const Piece *p) {
     return true;
 }
 
-bool cells_evaluate(Cells *c, uint32_t first, bool values) {
+bool cells_evaluate(Cells *c, uint32_t first) {
     uint32_t n = c->npiece - first;
     if (!find_present(c, first) || !look_at_middles(c, first)) return false;
     if (c->o->flat && !cells_part_borders(c, first)) return false;
@@ -464,9 +402,9 @@ bool cells_evaluate(Cells *c, uint32_t first, bool values) {
             if ((p->present || c->o->volume) && !add_columns(c, first + i, (CellRule)r)) return false;
     }
     c->first_column[n] = c->ncolumn;
-    if (!solve_columns(c, c->first_column, n) || !cells_take_sides(c) || !tie_columns(c)) return false;
-    if (c->o->volume && !cells_add_columns_of_points(c)) return false;
-    return !values || !c->nspot || cells_take_values(c);
+    if (!solve_columns(c, c->first_column, n)) return false;
+    cells_drop_bent(c, first, n);
+    return cells_take_sides(c) && tie_columns(c);
 }
 
 bool cells_emit_columns(Cells *c, const Column *from, const Column *to) {
@@ -501,57 +439,57 @@ void cells_copy_piece(Cells *c, uint32_t to, uint32_t from) {
     for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) c->piece[to].edge[e] = p->edge[e];
 }
 
-/* Integrates over the pieces from `first` on, and puts in their place those that must be halved. */
-static bool integrate(Cells *c, uint32_t first) {
-    bool compare = !c->o->fixed && c->rule[CELL_COARSE].n;
-    if (!cells_evaluate(c, first, compare && !c->o->flat)) return false;
-    uint32_t n = c->npiece - first;
-    uint32_t spot = 0, kept = first;
-    double bent = 0, length = 0;
+/* What f, as taken at their points, says of pieces: Piece.smooth, and where it may be steep unseen. */
+static bool judge_values(Cells *c, uint32_t first, uint32_t n) {
     for (uint32_t i = 0; i < n; i++) {
         Piece *p = &c->piece[first + i];
         const Column *from = &c->column[c->first_column[i]], *to = &c->column[c->first_column[i + 1]];
-        uint32_t end = spot;
-        while (end < c->nspot && c->spot[end].owner == first + i) end++;
-        bool agree = true, smooth = true;
-        if (compare && p->arc) agree = cells_arc_agrees(c, p, &smooth);
-        else if (compare && c->dim > 1) agree = curves_agree(c, p, from, to);
-        if (p->bend > 0 && !(p->turn > 0)) bent += p->bend * length_of(p), length += length_of(p);
-        if (compare && p->alone && !p->arc) smooth = cells_borders_agree(c, p, from, to);
-        else if (compare && c->o->volume && !p->arc)
-            smooth = c->o->flat ? cells_parts_agree(c, spot, end) : cells_values_agree(c, spot, end, 1);
-        bool any = end > spot; /* with none there may be no list */
-        const Spot *spots = any ? c->spot + spot : NULL, *beyond = any ? c->spot + end : NULL;
-        bool layer =
-            compare && c->o->volume && agree && smooth && any && cells_layer(c, p, from, to, spots, beyond, false) > 0;
-        smooth &= !layer;
-        bool last = p->halvings >= PIECE_HALVINGS || p->parts >= (c->dim > 1 ? PIECE_PARTS / 16 : PIECE_PARTS) ||
-                    c->cell[p->cell].cuts >= CELL_CUTS;
+        p->layer = p->hides = false;
+        if (!p->agrees || p->spots[0] == p->spots[1]) continue;
+        p->layer = p->smooth && cells_layer(c, p, from, to, false) > 0, p->smooth &= !p->layer;
         /* Beside its curves f may be steep: then that is a matter for smaller cells, not for longer columns. */
-        bool alone = compare && c->o->volume && !c->o->flat && agree && any && !c->cell[p->cell].curves_done;
-        bool hides = alone && (smooth || (!layer && p->parts >= PIECE_STEEP)) &&
-                     ((!smooth && c->dim < 2) || cells_hides_beside(c, p, from, to, spots, beyond));
-        if (hides && put_back(c, p)) {
-            spot = end;
-            continue;
-        }
-        if ((agree && smooth) || last || cells_spent(c)) {
+        bool asks = !c->cell[p->cell].curves_done && (p->smooth || (!p->layer && p->parts >= PIECE_STEEP));
+        if (asks && !p->smooth && c->dim < 2) p->hides = true;
+        else if (asks && !cells_ask_beside(c, first + i, from, to)) return false;
+    }
+    cells_find_hidden(c);
+    return true;
+}
+
+/* Integrates over the pieces from `first` on, and puts in their place those that must be halved. */
+static bool integrate(Cells *c, uint32_t first) {
+    bool compare = !c->o->fixed && c->rule[CELL_COARSE].n;
+    if (!cells_evaluate(c, first)) return false;
+    uint32_t n = c->npiece - first, kept = first;
+    double bent = 0, length = 0;
+    cells_compare_curves(c, first, n, compare);
+    bool values = compare && c->o->volume && !c->o->flat;
+    if (values && (!cells_take_points(c, first, n) || !judge_values(c, first, n))) return false;
+    if (c->o->volume && !values && !cells_add_points(c, first)) return false;
+    for (uint32_t i = 0; i < n; i++) {
+        Piece *p = &c->piece[first + i];
+        const Column *from = &c->column[c->first_column[i]], *to = &c->column[c->first_column[i + 1]];
+        const uint32_t spot = p->spots[0], end = p->spots[1];
+        bool agree = p->agrees, smooth = p->smooth, layer = values && p->layer;
+        if (p->bend > 0 && !(p->turn > 0)) bent += p->bend * length_of(p), length += length_of(p);
+        if (compare && c->o->flat && c->o->volume && !p->alone && !p->arc) smooth = cells_parts_agree(c, spot, end);
+        if (values && p->hides && put_back(c, p)) continue;
+        if ((agree && smooth) || p->last || (agree && cells_spent(c))) {
             if (!cells_emit_columns(c, from, to)) return false;
             if (p->graded) cells_doubt_rims(c, from, to, spot, end);
             cells_emit_beyond(c, p);
             cells_add_upset(c, p, NULL);
-            bool asked = compare && c->o->volume && end > spot;
-            if (asked && !c->cell[p->cell].curves_done) cells_layer(c, p, from, to, spots, beyond, true);
+            bool asked = values && end > spot && (layer || !agree || !smooth);
+            if (asked && !c->cell[p->cell].curves_done) cells_layer(c, p, from, to, true);
             if (p->arc) cells_emit_arc(c, p);
             else if (p->alone) cells_emit_borders(c, p, from, to);
             else if (c->o->flat) cells_emit_parts(c, spot, end);
-            else cells_emit_spots(c, spot, end);
+            else cells_emit_spots(c, spot, end, compare);
         } else {
             if (!shorten(c, first + i, agree, layer, from, to)) return false;
             if (kept != first + i) cells_copy_piece(c, kept, first + i);
             kept++;
         }
-        spot = end;
     }
     if (length > 0) c->bend = c->bend > 0 ? 0.5 * (c->bend + bent / length) : bent / length;
     c->npiece = kept;

@@ -22,6 +22,8 @@
  *   cells_upset.c   seams at whose jump tagged decisions change
  *   cells_layer.c   f that climbs so steeply next to a curve that points miss it
  *   cells_steep.c   or away from curves
+ *   cells_agree.c   do the rules agree on curves?
+ *   cells_parts.c   how many points a column gets between its roots
  *   cells_volume.c  points of the volume: between the roots of columns, and in boxes where f is smooth
  *
  * A curve g = 0 in a cell is a graph over the *base*, the other axes: its height is the one root of g on the *column*
@@ -191,10 +193,18 @@ typedef struct Piece {
     bool up[2];        /* and whether through the upper face */
     bool alone;        /* it is of one curve, `only`, and tells areas */
     uint8_t only;
-    uint32_t arc;     /* then: c->arc[arc - 1] has its points, and it has no columns; 0: it has */
-    double pace[3];   /* of one curve: how fast its base is gone along, at both ends and in the middle; all 1 else */
-    double turn;      /* and the angle by which its direction changes; 0: not known */
-    double beyond[2]; /* as in Cut */
+    uint32_t arc;      /* then: c->arc[arc - 1] has its points, and it has no columns; 0: it has */
+    double pace[3];    /* of one curve: how fast its base is gone along, at both ends and in the middle; all 1 else */
+    double turn;       /* and the angle by which its direction changes; 0: not known */
+    double beyond[2];  /* as in Cut */
+    bool agrees, last; /* the rules agree on its curves; it is cut no further if they do not */
+    bool smooth;       /* likewise on f between them */
+    bool layer;        /* f lies outside of what points beside its curves have met: cells_layer */
+    bool hides;        /* bounds say that points there may miss something */
+    uint32_t capped;   /* bit by part, those from 31 on together: it has fewer points than its columns are long for */
+    bool again;        /* and needs more */
+    uint8_t depth, tries; /* most points that a column of it has between two roots; how often it got more */
+    uint32_t spots[2];    /* its own: c->spot[spots[0]] .. */
     PieceEdge edge[CELL_EDGES];
 } Piece;
 
@@ -221,6 +231,7 @@ typedef struct Arc {
 typedef struct Column {
     uint32_t piece, first, nroots; /* roots: c->root[first .. first + nroots - 1], ascending in height */
     uint8_t rule;                  /* CellRule */
+    uint32_t spots[2];             /* its own, where f is not flat: c->spot[spots[0]] .. */
     double x[3], weight;           /* x: of the base; weight: measure of the base */
 } Column;
 
@@ -278,6 +289,13 @@ typedef struct Shape {
     double x[3], fine, coarse, size;
 } Shape;
 typedef struct Rim Rim; /* cells_border.c */
+
+/* How many points columns get in parts of one hash. */
+typedef struct Depth {
+    bool used;
+    uint32_t hash;
+    uint8_t points, least; /* least: fewer did not do */
+} Depth;
 
 /* A box on which f is smooth. */
 typedef struct Smooth {
@@ -379,6 +397,8 @@ struct Cells {
     uint32_t nprobe, probe_cap;
     Ask *ask;
     uint32_t nask, ask_cap;
+    struct Beside *beside; /* cells_steep.c */
+    uint32_t nbeside, beside_cap;
     uint32_t *active; /* roots that are still worked on */
     uint32_t active_cap;
     Tie *tie;
@@ -398,8 +418,9 @@ struct Cells {
     uint32_t ncrossing[CELL_RULES];
     CellPoint *point[CELL_POINTS]; /* [npoint], room for BATCH each */
     uint32_t npoint[CELL_POINTS];
-    Shape shape[CELL_SHAPES]; /* by hash */
-    Box within;               /* of the points */
+    Shape shape[CELL_SHAPES];    /* by hash */
+    Depth deep[CELL_SHAPES + 1]; /* likewise; the last one of parts whose hash is not known */
+    Box within;                  /* of the points */
 };
 
 /* The next edge of a set of bits, ascending, which is taken out of it; false: it is empty. */
@@ -560,8 +581,8 @@ double cells_along_base(const Piece *p, double t, double *pace);
 
 /* ---- cells_column.c */
 bool cells_integrate(Cells *c); /* over all pieces */
-/* Columns, roots and spots of the pieces from `first` on: first_column[i - first] is that of piece i. */
-bool cells_evaluate(Cells *c, uint32_t first, bool values);
+/* Columns and roots of the pieces from `first` on: first_column[i - first] is that of piece i. */
+bool cells_evaluate(Cells *c, uint32_t first);
 bool cells_emit_columns(Cells *c, const Column *from, const Column *to); /* crossings */
 void cells_flush(Cells *c);
 /* An empty crossing of a rule, which is to be handed over. */
@@ -569,6 +590,12 @@ Crossing *cells_add_crossing(Cells *c, uint8_t rule);
 /* The crossing that a root with known sides is. */
 void cells_crossing(const Cells *c, const Root *r, Crossing *x);
 
+/* ---- cells_agree.c
+ * Sets Piece.last, and Piece.agrees to false where the rules do not agree on curves, whatever f is beside them: that
+ * need not be told there. */
+void cells_drop_bent(Cells *c, uint32_t first, uint32_t n);
+/* Piece.agrees and, of areas that curves tell, Piece.smooth. */
+void cells_compare_curves(Cells *c, uint32_t first, uint32_t n, bool compare);
 /* Sets the bend of a piece whose rules are so far apart, in parts of what they integrate. */
 void cells_note_bend(const Cells *c, Piece *p, double apart);
 
@@ -633,9 +660,9 @@ bool cells_check_cut(Cells *c, Cell *cell, const Root *r);
 /* ---- cells_layer.c */
 /* By how much f, next to the curves of a piece, lies outside of what points beside them have met; 0: by no more than it
  * may climb there. count: adds it to what is lost, CellCounts.upset_jump. */
-double cells_layer(Cells *c, const Piece *p, const Column *from, const Column *to, const Spot *first, const Spot *end,
-                   bool count);
+double cells_layer(Cells *c, const Piece *p, const Column *from, const Column *to, bool count);
 /* ---- cells_steep.c */
+bool cells_may_ask(const Cells *c); /* bounds of boxes that are no cells */
 /* May f be far from what points of the box have met, by bounds? A tile has so many evaluations for that, and no more.
  */
 bool cells_hides_peak(Cells *c, const Smooth *s, const Spot *first, const Spot *end);
@@ -645,9 +672,10 @@ bool cells_doubts(Cells *c, const Smooth *s, const Spot *first, const Spot *end)
 void cells_state_rounding(Cells *c, const Smooth *s, const Spot *first, const Spot *end);
 /* Of a box that is not cut further, though the rules may not agree: counts a step that it may hold as lost. */
 void cells_state_hidden(Cells *c, const Smooth *s, const Spot *first, const Spot *end, bool agree);
-/* The same of the parts of a piece between its curves; those spots are the piece's. */
-bool cells_hides_beside(Cells *c, const Piece *p, const Column *from, const Column *to, const Spot *first,
-                        const Spot *end);
+/* The same of the parts of a piece between its curves, of many pieces at once: those that are asked about, and then
+ * Piece.hides. The first is false when memory runs out. */
+bool cells_ask_beside(Cells *c, uint32_t piece, const Column *from, const Column *to);
+void cells_find_hidden(Cells *c);
 /* The axis along which bounds of its halves tell most, and these bounds. */
 uint32_t cells_hunt(Cells *c, const Smooth *s, double f[2][2 * SLT_MAX_CHANNELS]);
 
@@ -665,6 +693,11 @@ void cells_add_borders(Cells *c, const Piece *p, const double area[CELL_RULES], 
 /* cells.c: it is known what becomes of a cell that has no common axis. */
 bool cells_end_borders(Cells *c, Cell *cell);
 
+/* ---- cells_parts.c */
+static inline uint32_t cells_part_bit(uint32_t part) { return 1u << (part < 31 ? part : 31); }
+/* Spots between the curves of pieces that need them, f there, and Piece.smooth. */
+bool cells_take_points(Cells *c, uint32_t first, uint32_t n);
+
 /* ---- cells_volume.c */
 /* Where part k of a column between two roots begins, in parts of its length. */
 static inline double cells_part_begins(const Piece *p, uint32_t k) {
@@ -678,8 +711,13 @@ static inline double cells_part_begins(const Piece *p, uint32_t k) {
 void cells_add_shape(Cells *c, uint32_t hash, const double x[3], double fine, double coarse, double size);
 /* What two measures may differ by through rounding, of terms of this size. */
 double cells_part_noise(const Cells *c, double size);
-bool cells_add_columns_of_points(Cells *c); /* the spots of column[ncolumn] */
-bool cells_take_values(Cells *c);           /* f at all spots */
+/* The spots of a piece with these columns, and of all from `first` on. depth: by part, most points along a column;
+ * NULL: as many as its length asks for. */
+bool cells_fill_piece(Cells *c, uint32_t i, Column *from, Column *to, const uint32_t *depth);
+bool cells_add_points(Cells *c, uint32_t first);
+bool cells_take_values(Cells *c, uint32_t first); /* f at the spots from there on */
+/* The hashes of the parts of a column, where the sides of open curves tell them; known[], hash[]: zeros at first. */
+void cells_part_hashes(const Cells *c, const Column *k, bool *known, uint32_t *hash);
 /* Do the rules agree on spot[from .. to - 1], to that part of the tolerance? */
 bool cells_values_agree(Cells *c, uint32_t from, uint32_t to, double part);
 /* The same of one piece where f is constant in each part: their measures tell, and f need not be taken. */
@@ -688,7 +726,7 @@ bool cells_parts_agree(const Cells *c, uint32_t from, uint32_t to);
 uint32_t cells_part_ends(const Cells *c, const Column *k, double heights[CELL_EDGES + 1]);
 /* Do the rules differ along the columns of the fine rule, rather than along the base? */
 bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *differ);
-void cells_emit_spots(Cells *c, uint32_t from, uint32_t to);
+void cells_emit_spots(Cells *c, uint32_t from, uint32_t to, bool taken); /* taken: f was */
 /* Of a graded piece, whose spots these are: beside curves at which f is a small power of the distance no rule has seen
  * what it changes by up to them; the coarse rule has that more. */
 void cells_doubt_rims(Cells *c, const Column *from, const Column *to, uint32_t first, uint32_t last);

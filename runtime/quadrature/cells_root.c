@@ -264,12 +264,19 @@ static void find_ends(const Cells *c, const Root *r, double ends[2]) {
     }
 }
 
+/* A root that ended where cubics say lies within ASIDE of there. */
+static double least_far(const Cells *c, const Root *r) {
+    bool apart = !r->twin && !r->band && r->slack >= 0;
+    return c->b->f64 && (c->o->flat || apart) ? (double)ASIDE / NARROW : 1;
+}
+
 static void call_sides(Cells *c, const uint32_t *active, uint32_t n, double far) {
     Batch *b = c->b;
     for (uint32_t i = 0; i < n; i++) {
         const Root *r = &c->root[active[i]];
         const Box *box = root_box(c, r);
-        double x[3], width = box->hi[r->axis] - box->lo[r->axis], d = r->twin ? 16 * far : far, reach[2], ends[2];
+        double x[3], width = box->hi[r->axis] - box->lo[r->axis], d = far * least_far(c, r) * (r->twin ? 16 : 1),
+                     reach[2], ends[2];
         double *at = c->sides[r->sides - 1].at;
         /* What f changes by from the root to there is more than rounding in f32: the rules differ by as much. */
         if (!c->b->f64 && c->column[r->column].rule == CELL_COARSE) d *= 2;
@@ -434,7 +441,7 @@ bool cells_take_sides(Cells *c) {
             c->root[i].sides = ++c->nsides;
             c->active[n++] = i;
         }
-    for (double far = c->o->flat && c->b->f64 ? ASIDE : NARROW; n; far *= 8) {
+    for (double far = NARROW; n; far *= 8) {
         if (far > MOST_FAR) far = HUGE_VAL;
         for (uint32_t from = 0; from < n; from += BATCH / 2)
             call_sides(c, c->active + from, n - from < BATCH / 2 ? n - from : BATCH / 2, far);

@@ -197,18 +197,18 @@ static double surfaces_apart(const Cells *c, const Cell *cell) {
 
 /* Do the rules agree on the volume? How many points its columns need f tells, not the surfaces: where two fewer make no
  * difference the next cell gets fewer, and where they do this one gets all. Where that has come to an end it is asked
- * of some cells only. False when memory runs out. */
-static bool compare_volume(Cells *c, bool *agree) {
-    *agree = true;
-    if (!c->nspot || c->unasked) {
+ * of some cells only. taken: f was, at all points. False when memory runs out. */
+static bool compare_volume(Cells *c, bool *agree, bool *taken) {
+    *agree = true, *taken = c->nspot && !c->unasked;
+    if (!*taken) {
         c->unasked -= c->unasked > 0;
         return true;
     }
-    if (!cells_take_values(c)) return false;
+    if (!cells_take_values(c, 0)) return false;
     *agree = cells_values_agree(c, 0, c->nspot, 1);
     if (!*agree && c->tall < c->rule[CELL_FINE].n) {
         c->tallest = c->tall + 1, c->tall = c->rule[CELL_FINE].n, c->nspot = 0;
-        if (!cells_add_columns_of_points(c) || !cells_take_values(c)) return false;
+        if (!cells_add_points(c, 0) || !cells_take_values(c, 0)) return false;
         *agree = cells_values_agree(c, 0, c->nspot, 1);
     }
     if (!*agree || !c->o->fewer || !cells_values_agree(c, 0, c->nspot, CELL_FEWER)) return true;
@@ -230,17 +230,17 @@ bool cells_integrate_solid(Cells *c, uint32_t i, bool may_refine, bool *done) {
     if (!*done) return true;
     if (!add_planes(c, i, across, at, slabs) || !cells_cut_bases(c, first)) return false;
     for (uint32_t k = first; k < c->ncell; k++) *done &= !c->cell[k].refine;
-    bool compare = !c->o->fixed && may_refine && c->rule[CELL_COARSE].n;
-    if (*done && !cells_evaluate(c, 0, false)) return false;
+    bool compare = !c->o->fixed && may_refine && c->rule[CELL_COARSE].n, taken = false;
+    if (*done && (!cells_evaluate(c, 0) || (c->o->volume && !cells_add_points(c, 0)))) return false;
     if (*done && compare) {
         double apart = surfaces_apart(c, &c->cell[i]);
         *done = !(apart > 1);
-        if (*done && !compare_volume(c, done)) return false;
+        if (*done && !compare_volume(c, done, &taken)) return false;
         c->cell[i].apart = *done ? 0 : larger(apart, 1); /* its volume may be cut all the same */
     }
     if (*done) {
         if (!cells_emit_columns(c, c->column, c->column + c->ncolumn)) return false;
-        cells_emit_spots(c, 0, c->nspot);
+        cells_emit_spots(c, 0, c->nspot, taken);
         for (uint32_t k = 0; k < c->npiece; k++) cells_add_upset(c, &c->piece[k], &c->cell[i]);
     }
     c->ncell = first;

@@ -98,13 +98,15 @@ static bool is_steep(Cells *c, const double lo[3], const double end[3], const do
 }
 
 /* Bounds of any box may be asked where none need lists or chunks of their own. */
-static bool may_ask(const Cells *c) { return !c->lists.any && !c->prunes && !c->o->trial; }
+bool cells_may_ask(const Cells *c) { return !c->lists.any && !c->prunes && !c->o->trial; }
 
-static bool may_hunt(const Cells *c) { return may_ask(c) && c->hunted <= HUNT + (c->b->evaluations - c->began) / 4; }
+static bool may_hunt(const Cells *c) {
+    return cells_may_ask(c) && c->hunted <= HUNT + (c->b->evaluations - c->began) / 4;
+}
 
 bool cells_doubts(Cells *c, const Smooth *s, const Spot *first, const Spot *end) {
     Met met = met_by(c, first, end);
-    return may_ask(c) && is_suspect(c, s->f, &met, c->o->grid[0] > 0 ? LOOSER : LOOSE);
+    return cells_may_ask(c) && is_suspect(c, s->f, &met, c->o->grid[0] > 0 ? LOOSER : LOOSE);
 }
 
 bool cells_hides_peak(Cells *c, const Smooth *s, const Spot *first, const Spot *end) {
@@ -127,7 +129,7 @@ static double section_of(const Cells *c, const Smooth *s, double *side) {
 
 void cells_state_hidden(Cells *c, const Smooth *s, const Spot *first, const Spot *end, bool agree) {
     double side, section = section_of(c, s, &side);
-    if (!may_ask(c)) return;
+    if (!cells_may_ask(c)) return;
     Met met = met_by(c, first, end);
     bool doubt = is_suspect(c, s->f, &met, LOOSER);
     for (uint32_t ch = 0; ch < c->s->channels && !agree; ch++) doubt |= varies(c, met.f[0][ch], met.f[1][ch]);
@@ -211,43 +213,60 @@ static void meet_parts(Cells *c, const Piece *p, const Column *from, const Colum
     for (const Spot *s = first; s < end; s++) count_between(c, &part[part_of(p, s->x)].met, s->f);
 }
 
-bool cells_hides_beside(Cells *c, const Piece *p, const Column *from, const Column *to, const Spot *first,
-                        const Spot *end) {
-    Batch *b = c->b;
+/* A part of a piece that is to be asked about, and what bounds of its box say. */
+struct Beside {
+    uint32_t piece;
+    bool steep; /* may be */
+    Part part;
+    double f[2 * SLT_MAX_CHANNELS];
+};
+
+bool cells_ask_beside(Cells *c, uint32_t i, const Column *from, const Column *to) {
+    const Piece *p = &c->piece[i];
     const Cell *cell = &c->cell[p->cell];
     Part part[CELL_EDGES + 1];
     const uint32_t parts = (uint32_t)__builtin_popcount(p->present) + 1;
-    uint32_t asked[CELL_EDGES + 1], n = 0;
-    if (c->dim > 2 || !may_hunt(c)) return false;
+    if (c->dim > 2 || !may_hunt(c)) return true;
     part_boxes(c, p, from, to, part, parts);
-    meet_parts(c, p, from, to, first, end, part, parts);
+    meet_parts(c, p, from, to, c->spot + p->spots[0], c->spot + p->spots[1], part, parts);
     double least = 0x1p-6 * (cell->box.end[p->axis] - cell->box.lo[p->axis]);
-    for (uint32_t i = 0; i < parts; i++) {
-        if (!(part[i].hi[p->axis] - part[i].lo[p->axis] > least)) continue;
-        if (!is_suspect(c, cell->f, &part[i].met, LOOSE)) continue;
-        batch_set_x(b, n, part[i].lo);
-        for (uint32_t d = 0; d < c->dim; d++) batch_set(b, SLT_IN_H0 + d, n, part[i].hi[d]);
-        asked[n++] = i;
+    for (uint32_t k = 0; k < parts; k++) {
+        if (!(part[k].hi[p->axis] - part[k].lo[p->axis] > least)) continue;
+        if (!is_suspect(c, cell->f, &part[k].met, LOOSE)) continue;
+        if (!CELLS_ROOM(c, beside, 1)) return false;
+        c->beside[c->nbeside++] = (struct Beside){.piece = i, .part = part[k]};
     }
-    if (!n) return false;
-    double f[CELL_EDGES + 1][2 * SLT_MAX_CHANNELS];
-    uint32_t kept = 0;
+    return true;
+}
+
+/* Bounds of the boxes of beside[0 .. n). */
+static void bound_beside(Cells *c, struct Beside *beside, uint32_t n) {
+    Batch *b = c->b;
+    for (uint32_t i = 0; i < n; i++) {
+        batch_set_x(b, i, beside[i].part.lo);
+        for (uint32_t d = 0; d < c->dim; d++) batch_set(b, SLT_IN_H0 + d, i, beside[i].part.hi[d]);
+    }
     c->hunted += n;
     cells_call(c, SLT_K_BOUNDS, n);
-    for (uint32_t k = 0; k < n; k++) {
-        if (batch_open(b, k) || batch_get_int(b, SLT_OUT_BOX_STATE, 0, k)) continue;
+    for (uint32_t i = 0; i < n; i++) {
+        double *f = beside[i].f;
         for (uint32_t ch = 0; ch < c->s->channels; ch++)
-            f[kept][2 * ch] = batch_get(b, SLT_OUT_F_LO, ch, k),
-                        f[kept][2 * ch + 1] = batch_get(b, SLT_OUT_F_HI, ch, k);
-        asked[kept] = asked[k];
-        kept += is_suspect(c, f[kept], &part[asked[kept]].met, LOOSE);
+            f[2 * ch] = batch_get(b, SLT_OUT_F_LO, ch, i), f[2 * ch + 1] = batch_get(b, SLT_OUT_F_HI, ch, i);
+        bool settled = !batch_open(b, i) && !batch_get_int(b, SLT_OUT_BOX_STATE, 0, i);
+        beside[i].steep = settled && is_suspect(c, f, &beside[i].part.met, LOOSE);
     }
-    for (uint32_t k = 0; k < kept; k++)
-        if (is_steep(c, part[asked[k]].lo, part[asked[k]].hi, f[k])) {
-            c->hunted += (uint64_t)(end - first);
-            return true;
-        }
-    return false;
+}
+
+void cells_find_hidden(Cells *c) {
+    for (uint32_t from = 0; from < c->nbeside; from += BATCH)
+        bound_beside(c, c->beside + from, c->nbeside - from < BATCH ? c->nbeside - from : BATCH);
+    for (uint32_t i = 0; i < c->nbeside; i++) {
+        const struct Beside *b = &c->beside[i];
+        Piece *p = &c->piece[b->piece];
+        if (p->hides || !b->steep || !is_steep(c, b->part.lo, b->part.hi, b->f)) continue;
+        p->hides = true, c->hunted += p->spots[1] - p->spots[0];
+    }
+    c->nbeside = 0;
 }
 
 uint32_t cells_hunt(Cells *c, const Smooth *s, double f[2][2 * SLT_MAX_CHANNELS]) {

@@ -32,8 +32,18 @@ static void emit(Cells *c, const double x[3], double weight, CellRule rule) {
     p->weight = weight;
 }
 
-void cells_emit_spots(Cells *c, uint32_t from, uint32_t to) {
-    for (uint32_t i = from; i < to; i++) emit(c, c->spot[i].x, c->spot[i].weight, (CellRule)c->spot[i].rule);
+/* A number that is none is counted where points go through kernels. */
+static bool is_finite(const Cells *c, const double *f) {
+    bool finite = true;
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) finite &= isfinite(f[ch]) != 0;
+    return finite;
+}
+
+void cells_emit_spots(Cells *c, uint32_t from, uint32_t to, bool taken) {
+    for (const Spot *s = c->spot + from; s < c->spot + to; s++)
+        if (taken && c->sink->value && is_finite(c, s->f))
+            c->sink->value(c->sink->user, s->weight, s->f, (CellRule)s->rule);
+        else emit(c, s->x, s->weight, (CellRule)s->rule);
 }
 
 void cells_emit_middle(Cells *c, const double lo[3], const double end[3]) {
@@ -154,27 +164,31 @@ uint32_t cells_part_ends(const Cells *c, const Column *k, double heights[CELL_ED
     return n;
 }
 
-/* On a column, between one root and the next. */
-static bool fill_column(Cells *c, const Column *k, CellRule rule) {
-    const Piece *p = &c->piece[k->piece];
+/* On a column, between one root and the next. depth[part]: most points there; NULL: as many as its length asks for.
+ * Sets Piece.capped and Piece.depth. */
+static bool fill_column(Cells *c, const Column *k, CellRule rule, const uint32_t *depth) {
+    Piece *p = &c->piece[k->piece];
     double x[3], from = c->cell[p->cell].box.lo[p->axis], heights[CELL_EDGES + 1];
     uint32_t n = cells_part_ends(c, k, heights), most = c->cell[p->cell].slice < 0 ? c->rule[CELL_FINE].n : c->tall;
     memcpy(x, k->x, sizeof x);
     for (uint32_t i = 0; i < n; from = heights[i++]) {
         const GaussRule *g = p->graded ? &c->rule[rule] : rule_along(c, rule, heights[i] - from, most);
+        if (depth && g->n > depth[i] - (rule == CELL_COARSE))
+            g = &c->of[depth[i] - (rule == CELL_COARSE)], p->capped |= cells_part_bit(i);
+        if (g->n > p->depth) p->depth = (uint8_t)g->n;
         for (uint32_t q = 0; q < g->n * p->parts && heights[i] > from; q++) {
             double begin = cells_part_begins(p, q / g->n), length = cells_part_begins(p, q / g->n + 1) - begin;
             double t = begin + g->x[q % g->n] * length, w = g->w[q % g->n] * length;
             if (p->graded) w *= 6 * t * (1 - t), t = t * t * (3 - 2 * t);
             x[p->axis] = from + t * (heights[i] - from);
             if (!add_spot(c, k->piece, x, k->weight * w * (heights[i] - from), (uint8_t)rule)) return false;
+            c->spot[c->nspot - 1].part = (uint8_t)i;
         }
     }
     return true;
 }
 
-/* The hashes of the parts of a column, where the sides of open curves tell them. */
-static void part_hashes(const Cells *c, const Column *k, bool *known, uint32_t *hash) {
+void cells_part_hashes(const Cells *c, const Column *k, bool *known, uint32_t *hash) {
     const Piece *p = &c->piece[k->piece];
     if (!k->nroots) return; /* then there may be no list */
     const Root *root = &c->root[k->first];
@@ -200,7 +214,7 @@ static bool fill_parts(Cells *c, const Column *from, const Column *to) {
     uint32_t n = from->nroots + 1; /* as of all its columns */
     bool known[CELL_EDGES + 1] = {false};
     uint32_t hash[CELL_EDGES + 1] = {0};
-    part_hashes(c, from, known, hash);
+    cells_part_hashes(c, from, known, hash);
     for (uint32_t i = 0; i < n; i++) weight[i] = longest[i] = 0;
     for (const Column *k = from; k < to; k++) {
         double heights[CELL_EDGES + 1], last = c->cell[p->cell].box.lo[p->axis];
@@ -234,14 +248,24 @@ bool cells_parts_agree(const Cells *c, uint32_t from, uint32_t to) {
     return apart <= larger(c->o->tolerance * c->volume, cells_part_noise(c, total));
 }
 
-bool cells_add_columns_of_points(Cells *c) {
-    for (uint32_t i = 0, end; i < c->ncolumn; i = end) {
-        const Column *k = &c->column[i];
-        end = i + 1;
-        while (c->o->flat && end < c->ncolumn && k->piece == c->column[end].piece && k->rule == c->column[end].rule)
-            end++;
-        if (!c->cell[c->piece[k->piece].cell].common || c->piece[k->piece].alone) continue;
-        if (!(c->o->flat ? fill_parts(c, k, &c->column[end]) : fill_column(c, k, (CellRule)k->rule))) return false;
+bool cells_fill_piece(Cells *c, uint32_t i, Column *from, Column *to, const uint32_t *depth) {
+    Piece *p = &c->piece[i];
+    p->spots[0] = p->spots[1] = c->nspot, p->capped = p->depth = 0;
+    if (from == to || !c->cell[p->cell].common || p->alone) return true;
+    for (Column *k = from, *end; k < to; k = end) {
+        end = k + 1, k->spots[0] = c->nspot;
+        while (c->o->flat && end < to && k->rule == end->rule) end++;
+        if (!(c->o->flat ? fill_parts(c, k, end) : fill_column(c, k, (CellRule)k->rule, depth))) return false;
+        k->spots[1] = c->nspot;
+    }
+    p->spots[1] = c->nspot;
+    return true;
+}
+
+bool cells_add_points(Cells *c, uint32_t first) {
+    for (uint32_t i = first; i < c->npiece; i++) {
+        const uint32_t *column = c->first_column + (i - first);
+        if (!cells_fill_piece(c, i, c->column + column[0], c->column + column[1], NULL)) return false;
     }
     return true;
 }
@@ -332,8 +356,8 @@ void cells_doubt_rims(Cells *c, const Column *from, const Column *to, uint32_t f
         }
 }
 
-/* f at the spots from `first` on. A program without edges has no `sides`. */
-static bool take_values(Cells *c, uint32_t first) {
+/* A program without edges has no `sides`. */
+bool cells_take_values(Cells *c, uint32_t first) {
     SltKernelKind kind = c->s->kernel[SLT_K_SIDES] ? SLT_K_SIDES : SLT_K_VALUE;
     for (uint32_t from = first; from < c->nspot; from += BATCH) {
         uint32_t n = c->nspot - from < BATCH ? c->nspot - from : BATCH;
@@ -345,14 +369,12 @@ static bool take_values(Cells *c, uint32_t first) {
     return true;
 }
 
-bool cells_take_values(Cells *c) { return take_values(c, 0); }
-
 bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *differ) {
     uint32_t first = c->nspot;
     for (const Column *k = from; k < to; k++)
         for (int r = 0; k->rule == CELL_FINE && r < CELL_RULES; r++)
-            if (!fill_column(c, k, (CellRule)r)) return false;
-    if (!take_values(c, first)) return false;
+            if (!fill_column(c, k, (CellRule)r, NULL)) return false;
+    if (!cells_take_values(c, first)) return false;
     *differ = !cells_values_agree(c, first, c->nspot, 1);
     c->nspot = first;
     return true;
@@ -489,7 +511,7 @@ static bool integrate_last(Cells *c, uint32_t first) {
     for (uint32_t i = first; i < n; i++)
         for (uint8_t r = 0; r < CELL_RULES; r++)
             if (!fill_box(c, i, r)) return false;
-    if (compare && !cells_take_values(c)) return false;
+    if (compare && !cells_take_values(c, 0)) return false;
     for (uint32_t i = first; i < n; i++) {
         uint32_t end = at;
         while (end < c->nspot && c->spot[end].owner == i) end++;
@@ -504,7 +526,7 @@ static bool integrate_last(Cells *c, uint32_t first) {
         if (last && compare && agree) cells_state_hidden(c, s, c->spot + at, c->spot + end, same);
         if (agree && !s->hunted) {
             if (compare) cells_state_rounding(c, s, c->spot + at, c->spot + end);
-            cells_emit_spots(c, at, end);
+            cells_emit_spots(c, at, end, compare);
         } else c->smooth[kept++] = *s;
         at = end;
     }

@@ -228,7 +228,8 @@ SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral 
         double rules, left, scale;
         uint64_t before = r.stats.evaluations;
         effort_apply(&e, &p, before);
-        p.options.fewer = !e.sweeps; /* else derivatives may need what f does not */
+        p.options.fewer =
+            !e.sweeps || (s->dim < 3 && (!p.interior || s->rigid)); /* else derivatives may need what f does not */
         bool trial = turned && !e.wanted && !e.sweeps;
         p.cells_budget = trial && !p.marches ? (uint64_t)(TURNING * lattice) : 0;
         p.only_if_left = trial && !p.marches ? TURNED_LEFT : HUGE_VAL; /* of shares, which round */

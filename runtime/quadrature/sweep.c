@@ -44,6 +44,12 @@ static void add_value(SweepWorker *v, CellRule rule, uint32_t channel, double f)
         if (rule == CELL_BOTH || r == (int)rule) v->f[r][channel] += f;
 }
 
+/* CellSink.value */
+static void take_value(void *worker, double weight, const double *f, CellRule rule) {
+    SweepWorker *v = worker;
+    for (uint32_t c = 0; c < v->sweep->run->s->channels; c++) add_value(v, rule, c, weight * f[c]);
+}
+
 /* f, and its adjoints by channel with these weights as seeds. */
 static void volume_integral(SweepWorker *v, const CellPoint *p, uint32_t n, CellRule rule) {
     Batch *b = &v->w->batch;
@@ -270,9 +276,12 @@ static bool tile_work(void *user, uint32_t worker, uint64_t tile) {
     sweep_begin_tile(v, &p->tile[tile]);
     v->within = p->nparents ? &p->parent[tile] : NULL;
     if (!sweep_begin_splat(v, &p->tile[tile])) return false;
+    /* What happens away from curves is f's value. Not of solids: what these cost tells how much is cut. */
+    bool known = p->run->s->dim < 3, rigid = !p->interior || (known && p->run->s->rigid);
     CellSink sink = {.curve = take_curve,
                      .volume = sweep_volume,
-                     .constant = p->interior || p->kind >= SWEEP_FORWARD ? NULL : take_constant,
+                     .value = known && rigid && p->kind == SWEEP_INTEGRAL ? take_value : NULL,
+                     .constant = !rigid || p->kind >= SWEEP_FORWARD ? NULL : take_constant,
                      .left = take_left,
                      .sampled = take_sampled,
                      .user = v};

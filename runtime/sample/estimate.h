@@ -83,6 +83,7 @@ typedef struct SltScene {
     const uint32_t *edge_line;  /* [nedges]: of the source; NULL: not known */
     bool flat;                  /* between edges neither f nor its derivatives change with the position */
     bool told;                  /* and they are the same wherever the hash is: seams do not jump */
+    bool rigid;                 /* f changes with the parameters by jumps alone: VJP has no adjoints to add to */
     uint32_t nlists;            /* loops with lists, [Cull] loops first: lengths of SltKernelArgs.cull, .note */
     const uint32_t *list_count; /* [nlists]: iterations of each */
     const uint8_t *list_noted;  /* [nlists]: 1 where `bounds` notes which of them can matter; NULL: nowhere */
