@@ -343,6 +343,8 @@ static bool find_meetings(Cells *c, bool *again) {
             double det = p->dg[base] * q->dg[axis] - p->dg[axis] * q->dg[base];
             double ds = (p->g * q->dg[axis] - q->g * p->dg[axis]) / det,
                    dh = (q->g * p->dg[base] - p->g * q->dg[base]) / det;
+            double error[2] = {curve_of(c, s)->error, tested(c, s)->error};
+            s->spread = fabs((error[0] * fabs(q->dg[axis]) + error[1] * fabs(p->dg[axis])) / det);
             double unit = c->b->f64 ? 0x1p51 : 0x1p22, tiny = larger(fabs(s->at[0]), fabs(s->at[1])) / unit,
                    slack = 16 * tiny + 0x1p-30 * (s->at[1] - s->at[0]);
             double to = s->x[0] - ds, height = s->x[1] - dh;
@@ -386,10 +388,13 @@ static bool cut_at_meetings(Cells *c, uint32_t first) {
         const Stretch *s = &c->stretch[i];
         if ((s->state != ROOT && s->state != MET) || c->cell[s->cell].refine) continue;
         int axis = curve_of(c, s)->axis, other = tested(c, s)->axis;
+        bool met = s->state == MET;
         Cut cut = {.cell = s->cell, .axis = (int8_t)axis, .edge = -1, .at = s->x[0]};
+        cut.spread = met ? s->at[1] - s->at[0] : s->spread;
         cut.edges = 1u << s->edge | 1u << s->other;
         if (!add_cut(c, &cut)) return false;
         cut.axis = (int8_t)other, cut.at = s->x[1];
+        if (met) cut.spread = fabs(s->height[1] - s->height[0]);
         if (other >= 0 && other != axis && !add_cut(c, &cut)) return false;
     }
     return true;
@@ -407,8 +412,12 @@ static bool add_piece(Cells *c, uint32_t i, int axis, int base, double from, dou
     for (uint32_t d = 0; d < c->dim; d++) p->at[d][0] = p->at[d][1] = cell->box.lo[d];
     if (base >= 0) p->at[base][0] = from, p->at[base][1] = to;
     p->leaving[0] = p->leaving[1] = -1;
-    if (begin) p->leaving[0] = begin->edge, p->beyond[0] = begin->beyond, p->up[0] = begin->up;
-    if (end) p->leaving[1] = end->edge, p->beyond[1] = end->beyond, p->up[1] = end->up;
+    const Cut *cut[2] = {begin, end};
+    for (int i = 0; i < 2; i++) {
+        if (!cut[i]) continue;
+        p->leaving[i] = cut[i]->edge, p->beyond[i] = cut[i]->beyond, p->up[i] = cut[i]->up;
+        p->meet[i] = cut[i]->edge < 0 ? cut[i]->edges : 0, p->spread[i] = cut[i]->spread;
+    }
     return true;
 }
 
