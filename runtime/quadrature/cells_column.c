@@ -440,7 +440,7 @@ static bool cut_piece(Cells *c, const Piece *p) {
         Piece *q = &c->piece[c->npiece++];
         *q = *p;
         q->at[p->base][!half] = 0.5 * (p->at[p->base][0] + p->at[p->base][1]);
-        q->beyond[!half] = 0, q->leaving[!half] = -1, q->meet[!half] = 0;
+        q->beyond[!half] = 0, q->leaving[!half] = -1, q->meet[!half] = 0, q->within[!half] = true;
         q->points = 0;
         q->halvings++;
     }

@@ -197,6 +197,7 @@ typedef struct Piece {
     double turn;    /* and the angle by which its direction changes; 0: not known */
     double beyond[2], spread[2]; /* as in Cut */
     uint32_t meet[2];            /* by end: bits of the edges whose curves meet there */
+    bool within[2];              /* likewise: a half goes on there */
     PieceEdge edge[CELL_EDGES];
 } Piece;
 

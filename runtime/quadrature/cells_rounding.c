@@ -67,7 +67,8 @@ static bool take_own_slopes(Cells *c, const Column *from, const Column *to) {
 /* ---- what that does to a curve */
 #define USUAL 0.25 /* of the bound of what g rounds by, which assumes the worst and is doubled, */
 #define APART 0.25 /* and of that again where two cells look for one place: they meet much the same roundings */
-#define SHORT 0x1p-13 /* of a piece: where curves meet rounding is told of those that it may change by more */
+#define SHORT 0x1p-11 /* of a piece: where curves meet rounding is told of those that it may change by more */
+#define MUCH 0x1p-5 /* likewise: and it is none of many that may cancel */
 #define BENT 4.0 /* more than slopes may vary in a cell, in parts: then bounds of them are loose */
 
 /* How far from the root the curve may lie: by what g rounds, and by what is left of it where places end. */
@@ -129,14 +130,15 @@ static void find_end_errors(const Cells *c, const Piece *p, const Column *from, 
     for (int end = 0; end < 2; end++) {
         const Column *last = end ? to - 1 : from, *before = end ? to - 2 : from + 1;
         if (p->leaving[end] >= 0) error[p->leaving[end]] += end_error(c, p, (uint32_t)p->leaving[end], last) / length;
-        double meets = meeting_error(c, p, end) / length;
+        double meets = p->within[end] ? 0 : meeting_error(c, p, end) / length;
         uint32_t set = p->meet[end] ? p->meet[end] : p->present, e;
-        while (meets > SHORT && cells_take_edge(&set, &e)) more[e] += meets;
+        while (meets > SHORT && cells_take_edge(&set, &e)) (meets > MUCH ? more : error)[e] += meets;
         for (uint32_t i = 1; i < last->nroots && to > from + 1; i++)
             for (uint32_t j = 0; j < i; j++) {
                 const uint32_t edge[2] = {c->root[last->first + i].edge, c->root[last->first + j].edge};
                 double hidden = smaller(hidden_end(c, p, end, last, before, edge) / length, 0.5);
-                if (hidden > SHORT) more[edge[0]] += hidden, more[edge[1]] += hidden;
+                double *by = hidden > MUCH ? more : error;
+                if (hidden > SHORT) by[edge[0]] += hidden, by[edge[1]] += hidden;
             }
     }
 }
