@@ -59,6 +59,7 @@ void cells_free(Cells *c) {
     free(c->active), free(c->order), free(c->stretch), free(c->cut), free(c->rim), free(c->first_column);
     free(c->straight), free(c->spot), free(c->smooth), free(c->sides), free(c->trial), free(c->tie), free(c->arc),
         free(c->arc_point);
+    for (uint32_t i = 0; i < CELL_LONGER; i++) apart_free(c->longer[i]);
     untie_free(c->untie), apart_free(c->apart), finer_free(&c->finer), free(c->gap), free(c->face), free(c->beside);
     for (int r = 0; r < CELL_RULES; r++) free(c->crossing[r]);
     for (int r = 0; r < CELL_POINTS; r++) free(c->point[r]);

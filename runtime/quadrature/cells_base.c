@@ -343,6 +343,7 @@ static bool find_meetings(Cells *c, bool *again) {
             double det = p->dg[base] * q->dg[axis] - p->dg[axis] * q->dg[base];
             double ds = (p->g * q->dg[axis] - q->g * p->dg[axis]) / det,
                    dh = (q->g * p->dg[base] - p->g * q->dg[base]) / det;
+            s->spread[0] = fabs(q->dg[axis] / det), s->spread[1] = fabs(p->dg[axis] / det);
             double unit = c->b->f64 ? 0x1p51 : 0x1p22, tiny = larger(fabs(s->at[0]), fabs(s->at[1])) / unit,
                    slack = 16 * tiny + 0x1p-30 * (s->at[1] - s->at[0]);
             double to = s->x[0] - ds, height = s->x[1] - dh;
@@ -359,6 +360,21 @@ static bool find_meetings(Cells *c, bool *again) {
     }
     for (uint32_t i = 0; i < n; i++) c->stretch[c->active[i]].state = OPEN, *again = true;
     return true;
+}
+
+/* What both g round by there, which may be far less than all over the cell. In f64 that is little everywhere. */
+static bool ask_at_meetings(Cells *c) {
+    c->nask = 0;
+    for (uint32_t i = 0; i < c->nstretch; i++) {
+        const Stretch *s = &c->stretch[i];
+        double x[3];
+        if (s->state != ROOT || c->cell[s->cell].refine) continue;
+        place(&c->cell[s->cell], curve_of(c, s)->axis, cells_round(c, s->x[0]), cells_round(c, s->x[1]), x);
+        Ask *a = cells_ask(c, curve_of(c, s), x, x), *b = a ? cells_ask(c, tested(c, s), x, x) : NULL;
+        if (!b) return false;
+        c->ask[c->nask - 2].error = curve_of(c, s)->error, c->ask[c->nask - 1].error = tested(c, s)->error;
+    }
+    return c->b->f64 || !c->nask || cells_run_asks(c);
 }
 
 static bool cut_at_meetings(Cells *c, uint32_t first) {
@@ -382,14 +398,20 @@ static bool cut_at_meetings(Cells *c, uint32_t first) {
         for (uint32_t i = 0; again && i < c->nstretch; i++)
             if (c->stretch[i].state == OPEN) stretch_judge(&c->stretch[i], 2 * tested(c, &c->stretch[i])->error);
     }
-    for (uint32_t i = 0; i < c->nstretch; i++) {
+    if (!ask_at_meetings(c)) return false;
+    for (uint32_t i = 0, k = 0; i < c->nstretch; i++) {
         const Stretch *s = &c->stretch[i];
         if ((s->state != ROOT && s->state != MET) || c->cell[s->cell].refine) continue;
         int axis = curve_of(c, s)->axis, other = tested(c, s)->axis;
+        bool met = s->state == MET;
         Cut cut = {.cell = s->cell, .axis = (int8_t)axis, .edge = -1, .at = s->x[0]};
+        cut.spread =
+            met ? s->at[1] - s->at[0] : c->ask[2 * k].error * s->spread[0] + c->ask[2 * k + 1].error * s->spread[1];
+        k += !met;
         cut.edges = 1u << s->edge | 1u << s->other;
         if (!add_cut(c, &cut)) return false;
         cut.axis = (int8_t)other, cut.at = s->x[1];
+        if (met) cut.spread = fabs(s->height[1] - s->height[0]);
         if (other >= 0 && other != axis && !add_cut(c, &cut)) return false;
     }
     return true;
@@ -407,8 +429,12 @@ static bool add_piece(Cells *c, uint32_t i, int axis, int base, double from, dou
     for (uint32_t d = 0; d < c->dim; d++) p->at[d][0] = p->at[d][1] = cell->box.lo[d];
     if (base >= 0) p->at[base][0] = from, p->at[base][1] = to;
     p->leaving[0] = p->leaving[1] = -1;
-    if (begin) p->leaving[0] = begin->edge, p->beyond[0] = begin->beyond, p->up[0] = begin->up;
-    if (end) p->leaving[1] = end->edge, p->beyond[1] = end->beyond, p->up[1] = end->up;
+    const Cut *cut[2] = {begin, end};
+    for (int i = 0; i < 2; i++) {
+        if (!cut[i]) continue;
+        p->leaving[i] = cut[i]->edge, p->beyond[i] = cut[i]->beyond, p->up[i] = cut[i]->up;
+        p->meet[i] = cut[i]->edge < 0 ? cut[i]->edges : 0, p->spread[i] = cut[i]->spread;
+    }
     return true;
 }
 

@@ -187,7 +187,7 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         }
     }
     if (!cells_solve(c) || !cells_drop_wrong(c)) return false;
-    cells_find_twins(c);
+    if (!cells_find_twins(c)) return false;
     for (uint32_t i = 0; i < c->nroot; i++) {
         Root *r = &c->root[i];
         if (!(c->piece[c->column[r->column].piece].present >> r->edge & 1)) continue;
@@ -378,7 +378,7 @@ static bool cut_piece(Cells *c, const Piece *p) {
         Piece *q = &c->piece[c->npiece++];
         *q = *p;
         q->at[p->base][!half] = 0.5 * (p->at[p->base][0] + p->at[p->base][1]);
-        q->beyond[!half] = 0, q->leaving[!half] = -1;
+        q->beyond[!half] = 0, q->leaving[!half] = -1, q->meet[!half] = 0, q->within[!half] = true;
         q->points = 0;
         q->halvings++;
     }

@@ -50,6 +50,7 @@ enum {
     CELL_CHOICES = 3,  /* of these most that are open in a cell */
     CELL_CLIMBING = 2, /* places on a climb of f, from a quarter of its height to three, by which it is seen */
     CELL_SHAPES = 64,  /* in hand at once */
+    CELL_LONGER = 2,   /* moves that are longer than those of ties */
     CELL_FEWEST = 3,   /* points that a line through the volume gets, CellOptions.fewer */
     SITE_STRAIGHT = 1, /* g changes along one axis alone */
     SITE_BENT = 2,
@@ -193,16 +194,18 @@ typedef struct Piece {
     bool up[2];        /* and whether through the upper face */
     bool alone;        /* it is of one curve, `only`, and tells areas */
     uint8_t only;
-    uint32_t arc;      /* then: c->arc[arc - 1] has its points, and it has no columns; 0: it has */
-    double pace[3];    /* of one curve: how fast its base is gone along, at both ends and in the middle; all 1 else */
-    double turn;       /* and the angle by which its direction changes; 0: not known */
-    double beyond[2];  /* as in Cut */
-    bool agrees, last; /* the rules agree on its curves; it is cut no further if they do not */
-    bool smooth;       /* likewise on f between them */
-    bool layer;        /* f lies outside of what points beside its curves have met: cells_layer */
-    bool hides;        /* bounds say that points there may miss something */
-    uint32_t capped;   /* bit by part, those from 31 on together: it has fewer points than its columns are long for */
-    bool again;        /* and needs more */
+    uint32_t arc;   /* then: c->arc[arc - 1] has its points, and it has no columns; 0: it has */
+    double pace[3]; /* of one curve: how fast its base is gone along, at both ends and in the middle; all 1 else */
+    double turn;    /* and the angle by which its direction changes; 0: not known */
+    double beyond[2], spread[2]; /* as in Cut */
+    uint32_t meet[2];            /* by end: bits of the edges whose curves meet there */
+    bool within[2];              /* likewise: a half goes on there */
+    bool agrees, last;           /* the rules agree on its curves; it is cut no further if they do not */
+    bool smooth;                 /* likewise on f between them */
+    bool layer;                  /* f lies outside of what points beside its curves have met: cells_layer */
+    bool hides;                  /* bounds say that points there may miss something */
+    uint32_t capped; /* bit by part, those from 31 on together: it has fewer points than its columns are long for */
+    bool again;      /* and needs more */
     uint8_t depth, tries; /* most points that a column of it has between two roots; how often it got more */
     uint32_t spots[2];    /* its own: c->spot[spots[0]] .. */
     PieceEdge edge[CELL_EDGES];
@@ -215,6 +218,7 @@ typedef struct Cut {
     bool up;           /* through the upper face */
     uint32_t edges;    /* bits of the one, or of both */
     double at, beyond; /* beyond: length along the base of what it has between there and the domain's border */
+    double spread;     /* how far from there rounding may let two meet */
     double height;     /* of the curve that leaves; NaN: not known as well as numbers go */
 } Cut;
 
@@ -268,6 +272,8 @@ typedef struct Root {
     bool solved, waits; /* waits: for a better guess */
     uint32_t other;     /* c->root[other - 1] stands for this one; 0: it stands for itself */
     uint32_t sides;     /* where they are: c->sides[sides - 1]; 0: not known */
+    uint32_t between;   /* likewise, f[0]: what lies between the two, and on neither side; 0: nothing else was seen */
+    double noise;       /* what g rounds by: all over the cell, or at x, where others are near (cells_twins.c) */
     double blur;        /* what rounding may make of its weight, in parts of it: cells_rounding.c */
     uint32_t tie;       /* whose the jump is: c->tie[tie - 1]; 0: its own event's */
 } Root;
@@ -406,9 +412,10 @@ struct Cells {
     uint8_t *straight; /* [nsites]: SITE_*, as far as asked in this tile */
     struct Gap *gap;   /* cells_gap.c */
     uint32_t ngap, gap_cap;
-    Cell *face;   /* likewise */
-    Apart *apart; /* cells_tied.c: made when first needed */
-    Finer finer;  /* kink.c: likewise */
+    Cell *face;                 /* likewise */
+    Apart *apart;               /* cells_tied.c: made when first needed */
+    Apart *longer[CELL_LONGER]; /* cells_twins.c: likewise */
+    Finer finer;                /* kink.c: likewise */
     Untie *untie;
     struct Trial *trial; /* cells_given.c */
     uint32_t ntrial, trial_cap;
@@ -607,7 +614,7 @@ void cells_emit_arc(Cells *c, const Piece *p);
 
 /* ---- cells_twins.c */
 /* Of roots of a column that lie on each other one stays, which stands for all. */
-void cells_find_twins(Cells *c);
+bool cells_find_twins(Cells *c);
 /* Looks between those whose two sides are alike. A band that is seen there parts them; where none is, parameters that
  * are moved tell whether the one hides the other, or rounding both. Of these each has sides for the fine rule and,
  * behind them, for the coarse one, which differ by as much as their order decides. */

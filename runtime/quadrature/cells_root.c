@@ -29,8 +29,8 @@ Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const 
     Root *r = &c->root[c->nroot++];
     r->ends[0] = r->ends[1] = r->wanted = r->twin = r->band = r->solved = r->waits =
         false; /* its other members come later */
-    r->column = r->sides = r->tie = r->other = 0, r->edge = 0, r->blur = 0;
-    r->of = e, r->axis = (int8_t)axis, r->rises = e->rises[axis];
+    r->column = r->sides = r->between = r->tie = r->other = 0, r->edge = 0, r->blur = 0;
+    r->noise = e->error, r->of = e, r->axis = (int8_t)axis, r->rises = e->rises[axis];
     memcpy(r->x, x, sizeof r->x);
     r->lo = r->ends_at[0] = cell->box.lo[axis], r->hi = r->ends_at[1] = cell->box.hi[axis];
     r->x[axis] = r->guess = cells_round(c, guess > r->lo && guess < r->hi ? guess : 0.5 * (r->lo + r->hi));

@@ -67,6 +67,8 @@ static bool take_own_slopes(Cells *c, const Column *from, const Column *to) {
 /* ---- what that does to a curve */
 #define USUAL 0.25 /* of the bound of what g rounds by, which assumes the worst and is doubled, */
 #define APART 0.25 /* and of that again where two cells look for one place: they meet much the same roundings */
+#define SHORT 0x1p-11 /* of a piece: where curves meet rounding is told of those that it may change by more */
+#define MUCH 0x1p-5 /* likewise: and it is none of many that may cancel */
 #define BENT 4.0 /* more than slopes may vary in a cell, in parts: then bounds of them are loose */
 
 /* How far from the root the curve may lie: by what g rounds, and by what is left of it where places end. */
@@ -91,15 +93,54 @@ static double end_error(const Cells *c, const Piece *p, uint32_t edge, const Col
     return 0;
 }
 
-/* Of each edge of a piece, in parts of its base. */
-static void find_end_errors(const Cells *c, const Piece *p, const Column *from, const Column *to, double *error) {
-    for (uint32_t e = 0; e < CELL_EDGES; e++) error[e] = 0;
+/* The same of any other end, which is a float, and where curves meet, as the tangents there tell. */
+static double meeting_error(const Cells *c, const Piece *p, int end) {
+    double length = p->at[p->base][1] - p->at[p->base][0];
+    double unit = (c->b->f64 ? 0x1p-52 : 0x1p-23) * fabs(p->at[p->base][end]);
+    return smaller((p->meet[end] ? USUAL * p->spread[end] : 0) + unit, 0.5 * length); /* NaN is not */
+}
+
+static const Root *root_of(const Cells *c, const Column *k, uint32_t edge) {
+    for (uint32_t i = k->first; i < k->first + k->nroots; i++)
+        if (c->root[i].edge == edge) return &c->root[i];
+    return NULL;
+}
+
+/* How long the part at the end of a piece is on which rounding hides in which order two curves lie, which come nearer
+ * to each other towards that end: `last` is the column that is next to it, and `before` the one before. */
+static double hidden_end(const Cells *c, const Piece *p, int end, const Column *last, const Column *before,
+                         const uint32_t edge[2]) {
+    const Root *r[2] = {root_of(c, last, edge[0]), root_of(c, last, edge[1])};
+    const Root *s[2] = {root_of(c, before, edge[0]), root_of(c, before, edge[1])};
+    if (!r[0] || !r[1] || !s[0] || !s[1]) return 0;
+    double near = fabs(r[0]->x[p->axis] - r[1]->x[p->axis]), far = fabs(s[0]->x[p->axis] - s[1]->x[p->axis]);
+    double opens = (far - near) / fabs(before->x[p->base] - last->x[p->base]);
+    double rest = fabs(last->x[p->base] - p->at[p->base][end]), at_end = larger(near - opens * rest, 0);
+    double noise = USUAL * (r[0]->of->error / fabs(r[0]->dg[p->axis]) + r[1]->of->error / fabs(r[1]->dg[p->axis]));
+    return opens > 0 && noise > at_end ? (noise - at_end) / opens : 0; /* NaN is not */
+}
+
+/* Of each edge of a piece, in parts of its base; more: where it is much. */
+static void find_end_errors(const Cells *c, const Piece *p, const Column *from, const Column *to, double *error,
+                            double *more) {
+    for (uint32_t e = 0; e < CELL_EDGES; e++) error[e] = more[e] = 0;
     if (p->base < 0) return;
+    double length = p->at[p->base][1] - p->at[p->base][0];
     while (to > from + 1 && to[-1].rule == CELL_COARSE) to--;
-    for (int end = 0; end < 2; end++)
-        if (p->leaving[end] >= 0)
-            error[p->leaving[end]] += end_error(c, p, (uint32_t)p->leaving[end], end ? to - 1 : from) /
-                                      (p->at[p->base][1] - p->at[p->base][0]);
+    for (int end = 0; end < 2; end++) {
+        const Column *last = end ? to - 1 : from, *before = end ? to - 2 : from + 1;
+        if (p->leaving[end] >= 0) error[p->leaving[end]] += end_error(c, p, (uint32_t)p->leaving[end], last) / length;
+        double meets = p->within[end] ? 0 : meeting_error(c, p, end) / length;
+        uint32_t set = p->meet[end] ? p->meet[end] : p->present, e;
+        while (meets > SHORT && cells_take_edge(&set, &e)) (meets > MUCH ? more : error)[e] += meets;
+        for (uint32_t i = 1; i < last->nroots && to > from + 1; i++)
+            for (uint32_t j = 0; j < i; j++) {
+                const uint32_t edge[2] = {c->root[last->first + i].edge, c->root[last->first + j].edge};
+                double hidden = smaller(hidden_end(c, p, end, last, before, edge) / length, 0.5);
+                double *by = hidden > MUCH ? more : error;
+                if (hidden > SHORT) by[edge[0]] += hidden, by[edge[1]] += hidden;
+            }
+    }
 }
 
 /* width: of the longest side of the cell. */
@@ -125,19 +166,20 @@ static void blur_root(Cells *c, const Column *k, Root *r, double width, double e
     c->counts->weighed += weight * most, c->counts->blurred += weight * most * bent;
 }
 
-/* All of a piece by the same chance. */
+/* All of a piece by the same chance; but what a short one is off by much is by none, for of two of them, the ends of a
+ * thin band, chance would often make nothing. */
 static void blur_piece(Cells *c, const Column *from, const Column *to) {
     const Piece *p = &c->piece[from->piece];
     const Box *box = &c->cell[p->cell].box;
-    double ends[CELL_EDGES], middle[3] = {0}, width = 0;
-    find_end_errors(c, p, from, to, ends);
+    double ends[CELL_EDGES], more[CELL_EDGES], middle[3] = {0}, width = 0;
+    find_end_errors(c, p, from, to, ends, more);
     for (uint32_t d = 0; d < c->dim; d++) width = larger(width, box->end[d] - box->lo[d]);
     for (uint32_t d = 0; d < c->dim; d++) middle[d] = p->at[d][0] + p->at[d][1];
     double sign = by_chance(middle) ? -1 : 1;
     for (const Column *k = from; k < to; k++)
         for (uint32_t i = k->first; i < k->first + k->nroots; i++) {
             blur_root(c, k, &c->root[i], width, ends[c->root[i].edge]);
-            c->root[i].blur *= sign;
+            c->root[i].blur = sign * c->root[i].blur + more[c->root[i].edge];
         }
 }
 

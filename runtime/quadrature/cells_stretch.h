@@ -25,6 +25,7 @@ typedef struct Stretch {
     double climb[2];                      /* of the curve's */
     double x[2];                          /* root: place and height */
     double step;                          /* the last one towards it, in parts of the cell */
+    double spread[2];                     /* how far along the base it moves as either g does, in parts of that */
     enum { OPEN, ROOT, MET, DONE } state; /* MET: around a root that is known as well as numbers go */
 } Stretch;
 

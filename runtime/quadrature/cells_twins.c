@@ -13,7 +13,9 @@
 
 /* Units in the last place: */
 #define WIDE 8   /* what lies between roots so far apart, and farther than half the bound of rounding, is no chance of it; */
+#define THIN 4   /* nearer to each other than so they leave no place between that is on neither, */
 #define APART 16 /* curves that were moved so far from each other can be told apart, */
+#define LONGER 16 /* times */
 #define FAR 64   /* and so far they are no two that move alike, up to what rounding makes of moves */
 
 static bool is_site(const Cells *c, const Root *r) { return (uint32_t)r->of->event.site < c->s->nsites; }
@@ -26,19 +28,59 @@ static double unit_at(const Cells *c, const Root *r) {
     return unit(c, larger(fabs(b->lo[r->axis]), fabs(b->hi[r->axis])));
 }
 
+static double size_along(const Box *b, int axis) { return larger(fabs(b->lo[axis]), fabs(b->hi[axis])); }
+
+/* By how much g rounds may move the two roots towards each other. */
+static double noise_of(const Root *r, const Root *s) {
+    return r->noise / fabs(r->dg[r->axis]) + s->noise / fabs(s->dg[s->axis]);
+}
+
+/* Are they as near as rounding lets one tell? */
+static bool are_near(const Cells *c, const Cell *cell, const Root *r, const Root *s) {
+    double width = cell->box.end[r->axis] - cell->box.lo[r->axis], most = cells_reach(c->b->f64) * width;
+    double same = smaller(2 * noise_of(r, s) + 8 * unit(c, size_along(&cell->box, r->axis)), most);
+    return fabs(r->x[r->axis] - s->x[r->axis]) <= same;
+}
+
+static bool is_present(const Cells *c, const Root *r) {
+    return c->piece[c->column[r->column].piece].present >> r->edge & 1;
+}
+
+/* What g rounds by in all of a cell may be far more than at its roots: where a length is nearly 0 that is not what
+ * decides, places are large. Of roots that this bound makes near, though places can be told apart, it is asked there.
+ */
+static bool take_noise(Cells *c) {
+    uint32_t n = 0;
+    c->nask = 0;
+    for (uint32_t i = 0; i < c->nroot; i++) {
+        Root *r = &c->root[i];
+        const Column *k = &c->column[r->column];
+        const Cell *cell = &c->cell[c->piece[k->piece].cell];
+        double size = size_along(&cell->box, r->axis);
+        bool asks = false;
+        for (uint32_t j = k->first; j < k->first + k->nroots && !asks && is_present(c, r); j++) {
+            const Root *s = &c->root[j];
+            bool other = j != i && is_present(c, s);
+            asks = other && fabs(r->x[r->axis] - s->x[r->axis]) > 8 * unit(c, size) && are_near(c, cell, r, s);
+        }
+        if (asks && !cells_ask(c, r->of, r->x, r->x)) return false;
+        if (asks) c->active[n++] = i;
+    }
+    if (n && !cells_run_asks(c)) return false;
+    for (uint32_t i = 0; i < n; i++) {
+        Root *r = &c->root[c->active[i]];
+        r->noise = smaller(c->ask[i].error, r->noise); /* NaN is not */
+    }
+    return true;
+}
+
 static void find_twins(Cells *c, const Column *k) {
     Piece *p = &c->piece[k->piece];
     const Cell *cell = &c->cell[p->cell];
-    double width = cell->box.end[p->axis] - cell->box.lo[p->axis];
-    double size = larger(fabs(cell->box.lo[p->axis]), fabs(cell->box.hi[p->axis]));
     for (uint32_t i = 1; i < k->nroots; i++)
         for (uint32_t j = 0; j < i; j++) {
             Root *r = &c->root[k->first + i], *s = &c->root[k->first + j];
-            if (!(p->present >> r->edge & 1) || !(p->present >> s->edge & 1)) continue;
-            double error = 2 * cell->edge[r->edge].error / fabs(r->dg[p->axis]) +
-                           2 * cell->edge[s->edge].error / fabs(s->dg[p->axis]);
-            double same = smaller(error + 8 * unit(c, size), cells_reach(c->b->f64) * width);
-            if (!(fabs(r->x[p->axis] - s->x[p->axis]) <= same)) continue;
+            if (!is_present(c, r) || !is_present(c, s) || !are_near(c, cell, r, s)) continue;
             bool later = is_site(c, s) || !is_site(c, r);
             Root *stays = later ? s : r, *goes = later ? r : s;
             p->present &= ~(1u << goes->edge);
@@ -46,8 +88,10 @@ static void find_twins(Cells *c, const Column *k) {
         }
 }
 
-void cells_find_twins(Cells *c) {
+bool cells_find_twins(Cells *c) {
+    if (!cells_grow(c, &c->active, &c->active_cap, c->nroot, sizeof *c->active) || !take_noise(c)) return false;
     for (uint32_t i = 0; i < c->ncolumn; i++) find_twins(c, &c->column[i]);
+    return true;
 }
 
 static Root *stands_for(const Cells *c, uint32_t i) { return &c->root[c->root[i].other - 1]; }
@@ -72,6 +116,15 @@ static bool part(Cells *c, Root *r, Root *stood, double x, uint32_t lane) {
         s->at[!upper] = x, s->hash[!upper] = (uint32_t)batch_get_int(c->b, SLT_OUT_HASH, 0, lane);
         for (uint32_t ch = 0; ch < c->s->channels; ch++) s->f[!upper][ch] = batch_get(c->b, SLT_OUT_F, ch, lane);
     }
+    return true;
+}
+
+/* What is seen there may be a chance of rounding. */
+static bool note_between(Cells *c, Root *r, uint32_t lane) {
+    if (!CELLS_ROOM(c, sides, 1)) return false;
+    Sides *s = &c->sides[c->nsides++];
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) s->f[0][ch] = batch_get(c->b, SLT_OUT_F, ch, lane);
+    r->between = c->nsides;
     return true;
 }
 
@@ -118,11 +171,13 @@ static bool look_between(Cells *c, uint32_t *n) {
             uint32_t at = c->active[from + i], hash = (uint32_t)batch_get_int(c->b, SLT_OUT_HASH, 0, i);
             Root *r = &c->root[at], *s = stands_for(c, at);
             double p = r->x[r->axis], q = s->x[r->axis];
-            double noise = 0.5 * (r->of->error / fabs(r->dg[r->axis]) + s->of->error / fabs(s->dg[s->axis]));
-            bool wide = fabs(p - q) >= WIDE * unit_at(c, r) && fabs(p - q) > noise;
+            double noise = 0.5 * noise_of(r, s);
+            double units = fabs(p - q) / unit_at(c, r);
+            bool wide = units >= WIDE && fabs(p - q) > noise;
             r->twin = s->twin && is_alike(c, cells_sides(c, s)); /* to be moved, if nothing is seen */
+            bool other = units >= THIN && !is_beside(cells_sides(c, s), hash);
             if (!s->twin) c->active[again++] = at;
-            else if (wide && !is_beside(cells_sides(c, s), hash) && !part(c, r, s, middle[i], i)) return false;
+            else if (other && !(wide ? part(c, r, s, middle[i], i) : note_between(c, r, i))) return false;
         }
     }
     for (uint32_t i = 0; i < again; i++) choose_other(c, &c->root[c->active[i]]);
@@ -132,7 +187,7 @@ static bool look_between(Cells *c, uint32_t *n) {
 
 /* What the jump of a root is, upwards, after one move; told: the two curves came apart, and nothing else is near. */
 typedef struct Order {
-    bool told, seen, far;
+    bool told, seen, far, lower; /* lower: the root that is to return lies below */
     double jump[SLT_MAX_CHANNELS];
 } Order;
 
@@ -143,7 +198,6 @@ static void use(Batch *b, const SltScene *s) { b->args.params = s->params, b->ar
 /* The orders of pairs active[from .. from + n) after one move of the parameters. */
 static bool see(Cells *c, const SltScene *moved, uint32_t from, uint32_t n, Order *order) {
     double x[AT_ONCE][PLACES];
-    bool lower[AT_ONCE]; /* the one that is to return lies below */
     Batch *b = c->b;
     c->nprobe = 0;
     use(b, moved);
@@ -157,7 +211,7 @@ static bool see(Cells *c, const SltScene *moved, uint32_t from, uint32_t n, Orde
         const Probe *p = &c->probe[2 * i], *q = p + 1;
         double at = s->x[s->axis], r = at - p->g / p->dg[s->axis], t = at - q->g / q->dg[s->axis], d = fabs(r - t);
         double place[PLACES] = {smaller(r, t) - 0.5 * d, 0.5 * (r + t), larger(r, t) + 0.5 * d};
-        lower[i] = r < t;
+        order[i].lower = r < t;
         order[i].far = d >= FAR * unit_at(c, s);
         order[i].told =
             d >= APART * unit_at(c, s) && place[0] > c->lo[s->axis] && place[2] < c->hi[s->axis]; /* NaN is not */
@@ -177,9 +231,9 @@ static bool see(Cells *c, const SltScene *moved, uint32_t from, uint32_t n, Orde
         order[i].seen = order[i].told && !is_beside(s, hash[1]);
         for (uint32_t ch = 0; ch < c->s->channels; ch++) {
             double f = batch_get(b, SLT_OUT_F, ch, lane + 1);
-            order[i].jump[ch] = !order[i].seen ? 0
-                                : lower[i]     ? f - batch_get(b, SLT_OUT_F, ch, lane)
-                                               : batch_get(b, SLT_OUT_F, ch, lane + 2) - f;
+            order[i].jump[ch] = !order[i].seen   ? 0
+                                : order[i].lower ? f - batch_get(b, SLT_OUT_F, ch, lane)
+                                                 : batch_get(b, SLT_OUT_F, ch, lane + 2) - f;
         }
     }
     return true;
@@ -225,8 +279,7 @@ static bool keep_ways(Cells *c, Root *r, Root *stood, const Order order[2], uint
 }
 
 /* A pair of orders, forth and back: sides of which the jump is their mean, and those for the coarse rule. */
-static bool keep_pair(Cells *c, Root *r, Root *stood, const Order order[2], uint32_t move) {
-    if (!stood->twin) return true; /* another curve was parted from it, that is nearer */
+static bool keep_orders(Cells *c, Root *r, Root *stood, const Order order[2]) {
     if (!restore(c, r, stood, 2) || !CELLS_ROOM(c, sides, 2)) return false;
     const Sides of = *cells_sides(c, stood);
     stood->sides = c->nsides + 1, c->nsides += 2;
@@ -240,28 +293,77 @@ static bool keep_pair(Cells *c, Root *r, Root *stood, const Order order[2], uint
             s->f[1][ch] = of.f[0][ch] + (own ? jump : -jump);
         }
     }
-    return keep_ways(c, r, stood, order, move);
+    return true;
 }
 
+static bool keep_pair(Cells *c, Root *r, Root *stood, const Order order[2], uint32_t move) {
+    if (!stood->twin) return true; /* another curve was parted from it, that is nearer */
+    return keep_orders(c, r, stood, order) && keep_ways(c, r, stood, order, move);
+}
+
+/* The jump of r is this, and half of how far that is from the other an error. */
+static bool keep_likely(Cells *c, Root *r, Root *stood, const double likely[], const double other[]) {
+    Order order[2];
+    if (!stood->twin) return true;
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) {
+        order[0].jump[ch] = 1.5 * likely[ch] - 0.5 * other[ch];
+        order[1].jump[ch] = 0.5 * likely[ch] + 0.5 * other[ch];
+    }
+    return keep_orders(c, r, stood, order);
+}
+
+/* What was seen between the two, where moves do not tell, is taken for what it looks like. */
+static bool keep_between(Cells *c, Root *r, Root *stood) {
+    const double none[SLT_MAX_CHANNELS] = {0}, *f = c->sides[r->between - 1].f[0];
+    const Sides *s = cells_sides(c, stood);
+    double jump[SLT_MAX_CHANNELS];
+    bool lower = r->x[r->axis] < stood->x[r->axis];
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) jump[ch] = lower ? f[ch] - s->f[0][ch] : s->f[1][ch] - f[ch];
+    return keep_likely(c, r, stood, jump, none);
+}
+
+/* After long moves: the two are more likely to lie in the order that their roots have. */
+static bool keep_order(Cells *c, Root *r, Root *stood, const Order order[2]) {
+    bool lower = r->x[r->axis] < stood->x[r->axis];
+    uint32_t likely = order[0].lower != lower && order[1].lower == lower;
+    return keep_likely(c, r, stood, order[likely].jump, order[!likely].jump);
+}
+
+/* Of active[0 .. *n), by moves of one length; those that they do not tell of stay. first: there are longer ones. */
+static bool move_by(Cells *c, const Apart *apart, bool first, uint32_t *n) {
+    uint32_t kept = 0;
+    bool memory = true;
+    for (uint32_t from = 0; from < *n && memory; from += AT_ONCE) {
+        uint32_t most = *n - from < AT_ONCE ? *n - from : AT_ONCE;
+        Order order[UNTIE_WAYS][AT_ONCE];
+        for (uint32_t m = 0; m < UNTIE_WAYS && memory; m++)
+            memory = see(c, &apart->move[m].scene, from, most, order[m]);
+        for (uint32_t i = 0; i < most && memory; i++) {
+            uint32_t at = c->active[from + i], m = 0;
+            Root *r = &c->root[at], *s = stands_for(c, at);
+            while (m < UNTIE_WAYS && !(order[m][i].told && order[m + 1][i].told)) m += 2;
+            const bool told = m < UNTIE_WAYS;
+            const Order both[2] = {order[told ? m : 0][i], order[told ? m + 1 : 0][i]};
+            bool seen = told && (both[0].seen || both[1].seen);
+            if (seen) memory = first ? keep_pair(c, r, s, both, m) : keep_order(c, r, s, both);
+            else if (!told && r->between) memory = keep_between(c, r, s);
+            else if (!told && r->x[r->axis] != s->x[s->axis]) c->active[kept++] = at;
+        }
+    }
+    *n = kept;
+    return memory;
+}
+
+/* Moves are as long as those that tell whose a jump is; in f32 these may be no longer than what rounds. */
 static bool move_apart(Cells *c, uint32_t n) {
     if (!cells_ready_to_tie(c)) return false;
     const SltCullList *lists = c->b->args.cull; /* good where nothing has moved */
     bool memory = true;
     c->b->args.cull = NULL;
-    for (uint32_t from = 0; from < n && c->apart && memory; from += AT_ONCE) {
-        uint32_t most = n - from < AT_ONCE ? n - from : AT_ONCE;
-        Order order[UNTIE_WAYS][AT_ONCE];
-        for (uint32_t m = 0; m < UNTIE_WAYS && memory; m++)
-            memory = see(c, &c->apart->move[m].scene, from, most, order[m]);
-        for (uint32_t i = 0; i < most && memory; i++)
-            for (uint32_t m = 0; m < UNTIE_WAYS; m += 2) {
-                const Order *forth = &order[m][i], *back = &order[m + 1][i];
-                if (!forth->told || !back->told) continue;
-                uint32_t at = c->active[from + i];
-                const Order both[2] = {*forth, *back};
-                if (forth->seen || back->seen) memory = keep_pair(c, &c->root[at], stands_for(c, at), both, m);
-                break;
-            }
+    for (uint32_t i = 0; i < CELL_LONGER + 1 && n && c->apart && memory; i++) {
+        Apart **a = i ? &c->longer[i - 1] : &c->apart;
+        if (!*a) memory = apart_new(c->s, c->apart->seed, c->apart->step * pow(LONGER, i), a);
+        if (*a && memory) memory = move_by(c, *a, !i, &n);
     }
     use(c->b, c->s);
     c->b->args.cull = lists;

@@ -1,9 +1,9 @@
 """Scenes with a hidden feature of about 1e-6 of the domain, and the derivatives of their integral in closed form.
 
-    tests/cli/hidden.py SALTUS [--scenes 300] [--first 0] [--verbose] [-- options of grad]
+    tests/cli/hidden.py SALTUS [--scenes 300] [--first 0] [--by 1] [--series 0] [--verbose] [-- options of grad]
 
 300 scenes: 243 in the plane (nine features, each written in nine ways), 30 on a line, 27 in space; among them opaque
-decoys elsewhere, domains of all sizes, straight and turned. Of every scene: found (every derivative within 1e-4 of its own
+decoys elsewhere, domains of all sizes, straight and turned; other numbers by --series. Of every scene: found (every derivative within 1e-4 of its own
 size), stated (within two stated errors), reported (something is left over, and no more than 1e-4 of the largest derivative
 is wrong: ends of bands, which are as long as these are thin), or silently missed. Fails where one is missed."""
 import json
@@ -102,8 +102,8 @@ WAYS = {
 }
 
 
-def plane(n):
-    r = random.Random(7000 + n)
+def plane(n, series):
+    r = random.Random(7000 + n + 100000 * series)
     feature, way = FEATURES[n % len(FEATURES)], list(WAYS)[n // len(FEATURES) % len(WAYS)]
     lo, side = r.choice(((-1.0, 2.0), (0.0, 1.0), (-3.0, 8.0), (10.0, 50.0)))
     unit = side * r.uniform(0.06, 0.2)  # of u, in units of x
@@ -139,8 +139,8 @@ def finish(kind, params, dim, lo, side, body, want):
     return Scene(kind, "\n".join(lines), want)
 
 
-def line(n):
-    r = random.Random(8000 + n)
+def line(n, series):
+    r = random.Random(8000 + n + 100000 * series)
     lo, side = r.choice(((-1.0, 2.0), (0.0, 1.0), (10.0, 50.0)))
     at, w, ink = lo + side * r.uniform(0.3, 0.7), THIN * side * r.uniform(0.5, 2), r.uniform(0.5, 2)
     big = lo + side * r.uniform(0.1, 0.9)
@@ -168,8 +168,8 @@ def line(n):
     return finish("line, " + kind, params, 1, lo, side, body + text, want)
 
 
-def solid(n):
-    r = random.Random(9000 + n)
+def solid(n, series):
+    r = random.Random(9000 + n + 100000 * series)
     lo, side = r.choice(((-1.0, 2.0), (0.0, 1.0)))
     w, ink, radius = THIN * side * r.uniform(0.5, 2), r.uniform(0.5, 2), side * r.uniform(0.1, 0.2)
     at = tuple(lo + side * r.uniform(0.3, 0.7) for _ in range(3))
@@ -190,8 +190,8 @@ def solid(n):
     return finish("solid, " + kind, {"w": w, "big": radius}, 3, lo, side, "[Disc] if (length(x - float3(%r, %r, %r)) < big) f = 0.7; " % other + u + text, want)
 
 
-def scene(n):
-    return plane(n) if n < 243 else line(n) if n < 273 else solid(n)
+def scene(n, series=0):
+    return (plane if n < 243 else line if n < 273 else solid)(n, series)
 
 
 def judge(s, j):
@@ -211,8 +211,8 @@ def judge(s, j):
     return max(kinds, key=("found", "stated", "reported", "missed").index)
 
 
-def measure(saltus, n, folder, options):
-    s = scene(n)
+def measure(saltus, n, folder, options, series=0):
+    s = scene(n, series)
     with open(os.path.join(folder, "s.salt"), "w") as f:
         f.write(s.source)
     run = subprocess.run([saltus, "grad", "s.salt", "--integral", "--json", "--precision", "f64", "--threads", "1", "--no-cache", *options],
@@ -228,11 +228,11 @@ def main():
     own = own.split("\0")
     saltus, verbose = os.path.abspath(own[0]), "--verbose" in own
     number = lambda name, usual: int(own[own.index(name) + 1]) if name in own else usual
-    first, scenes, by = number("--first", 0), number("--scenes", 300), number("--by", 1)
+    first, scenes, by, series = number("--first", 0), number("--scenes", 300), number("--by", 1), number("--series", 0)
     count = {}
     with tempfile.TemporaryDirectory() as folder:
         for n in range(first, first + scenes, by):
-            s, j, is_ = measure(saltus, n, folder, rest.split("\0") if rest else [])
+            s, j, is_ = measure(saltus, n, folder, rest.split("\0") if rest else [], series)
             count[is_] = count.get(is_, 0) + 1
             if verbose or is_ == "missed":
                 print(n, s.kind, is_, "certified %.9g evaluations %d" % (j["certified"], j["evaluations"]),

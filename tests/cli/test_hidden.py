@@ -7,10 +7,10 @@ from harness import *
 
 
 class Hidden(Case):
-    def count(self, scenes, *options):
+    def count(self, scenes, *options, series=0):
         with tempfile.TemporaryDirectory() as folder:
             for n in scenes:
-                s, j, is_ = hidden.measure(BIN, n, folder, list(options))
+                s, j, is_ = hidden.measure(BIN, n, folder, list(options), series)
                 with self.subTest(s.kind, n=n):
                     self.assertNotEqual(is_, "missed", (j["gradient"], j["stderr"], s.want))
 
@@ -22,6 +22,24 @@ class Hidden(Case):
         """Two of each kind: crests of a cosine, of which a root lies nearer to the next than the cosine is exact, among them."""
         self.count(range(253, 263))
         self.count((258, 263), "--estimator", "quadrature")
+
+    def test_f32(self):
+        """A few floats wide: bounds of rounding are taken at the roots, what moves of parameters do not tell is looked for between
+        them, and where curves meet at a flat angle, or a piece is as short, the bars say how far rounding may go."""
+        self.count((5, 8, 14, 23, 28, 32, 50, 59, 95, 104, 140), "--precision", "f32", "--estimator", "quadrature")
+        self.count((87, 149, 229), "--precision", "f32", series=1)
+
+    def test_beside_a_centre(self):
+        """A crack of 50 floats through the centre of the disc that ends it, where what a length rounds by has no bound."""
+        length = 2 * 0.37 * 1.2899 ** 2
+        for turn in 0, 0.001, 0.01, 0.3:
+            with self.subTest(turn=turn):
+                self.put("c.salt", "param float w = 5e-6; [Domain(-3.0, 5.0)] shader float main(float2 x) { float2 u = (x - float2(1.73652, -0.51557)) / 1.2899; "
+                         "float v = %r * u.y - %r * u.x; [Disc] if (max(max(v - 0.5 * w, -v - 0.5 * w), length(u) - 0.37) < 0.0) return 1.0; return 0.0; }"
+                         % (math.sin(turn), math.cos(turn)))
+                j = self.json_cli("grad", "c.salt", "--integral", "--precision", "f32")
+                self.assertLess(abs(j["gradient"]["w"] - length), 2 * j["stderr"]["w"])
+                self.assertLess(j["stderr"]["w"], 0.03 * length)
 
     def test_solid(self):
         """Slabs, shells, balls and rods by the lattice, which sees the two faces of |u| < b as two regions."""
