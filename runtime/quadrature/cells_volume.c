@@ -14,26 +14,29 @@ static void flush_points(Cells *c, CellRule r) {
     if (n) c->sink->volume(c->sink->user, c->point[r], n, r, &c->within);
 }
 
-static void emit_parts(Cells *c, const double x[3], double fine, double coarse, double size);
+static void emit_parts(Cells *c, const double x[3], double fine, double coarse, double moved, double size);
 
 void cells_flush_points(Cells *c) {
     for (int i = 0; i < CELL_SHAPES; i++) {
         Shape *s = &c->shape[i];
-        if (s->used) emit_parts(c, s->x, s->fine, s->coarse, s->size);
+        if (s->used) emit_parts(c, s->x, s->fine, s->coarse, s->moved, s->size);
         s->used = false;
     }
     for (int r = 0; r < CELL_POINTS; r++) flush_points(c, (CellRule)r);
 }
 
-static void emit(Cells *c, const double x[3], double weight, CellRule rule) {
+static void emit_moved(Cells *c, const double x[3], double weight, double moved, CellRule rule) {
     if (c->npoint[rule] == BATCH) flush_points(c, rule);
     CellPoint *p = &c->point[rule][c->npoint[rule]++];
     memcpy(p->x, x, sizeof p->x);
-    p->weight = weight;
+    p->weight = weight, p->moved = moved;
 }
 
+static void emit(Cells *c, const double x[3], double weight, CellRule rule) { emit_moved(c, x, weight, 0, rule); }
+
 void cells_emit_spots(Cells *c, uint32_t from, uint32_t to) {
-    for (uint32_t i = from; i < to; i++) emit(c, c->spot[i].x, c->spot[i].weight, (CellRule)c->spot[i].rule);
+    for (uint32_t i = from; i < to; i++)
+        emit_moved(c, c->spot[i].x, c->spot[i].weight, c->spot[i].moved, (CellRule)c->spot[i].rule);
 }
 
 void cells_emit_middle(Cells *c, const double lo[3], const double end[3]) {
@@ -73,24 +76,26 @@ static bool next_part(PartSpots *p) {
 double cells_part_noise(const Cells *c, double size) { return larger(c->b->f64 ? 0x1p-50 : 0x1p-21, c->slack) * size; }
 
 /* Measures by the two rules: what both make equal goes out once, and else what the coarse one has more or less. */
-static void emit_parts(Cells *c, const double x[3], double fine, double coarse, double size) {
-    bool both = c->rule[CELL_COARSE].n > 0, same = fabs(coarse - fine) <= cells_part_noise(c, size);
+static void emit_parts(Cells *c, const double x[3], double fine, double coarse, double moved, double size) {
+    double noise = cells_part_noise(c, size);
+    bool both = c->rule[CELL_COARSE].n > 0, same = fabs(coarse - fine) <= noise && fabs(moved) <= noise;
     if (fine != 0) emit(c, x, fine, both ? CELL_BOTH : CELL_FINE);
-    if (both && !same) emit(c, x, coarse - fine, CELL_COARSE);
+    if (both && !same) emit_moved(c, x, coarse - fine, moved, CELL_COARSE);
 }
 
 /* Those with the same hash, of a cell or of many, are parts of one shape: one point does for all. */
-void cells_add_shape(Cells *c, uint32_t hash, const double x[3], double fine, double coarse, double size) {
+void cells_add_shape(Cells *c, uint32_t hash, const double x[3], const double area[CELL_RULES], double moved,
+                     double size) {
     Shape *s = &c->shape[hash % CELL_SHAPES];
     if (s->used && s->hash != hash) {
-        emit_parts(c, s->x, s->fine, s->coarse, s->size);
+        emit_parts(c, s->x, s->fine, s->coarse, s->moved, s->size);
         s->used = false;
     }
     if (!s->used) {
         *s = (Shape){.used = true, .hash = hash};
         memcpy(s->x, x, sizeof s->x);
     }
-    s->fine += fine, s->coarse += coarse, s->size += size;
+    s->fine += area[CELL_FINE], s->coarse += area[CELL_COARSE], s->moved += moved, s->size += size;
 }
 
 /* Parts of one piece; of an image each pixel has its own. */
@@ -98,12 +103,13 @@ void cells_emit_parts(Cells *c, uint32_t from, uint32_t to) {
     PartSpots p = parts_of(c, from, to);
     while (next_part(&p)) {
         const Spot *spot = p.fine ? p.fine : p.coarse;
-        double fine = p.fine ? p.fine->weight : 0, coarse = p.coarse ? p.coarse->weight : 0;
+        const double area[CELL_RULES] = {p.fine ? p.fine->weight : 0, p.coarse ? p.coarse->weight : 0};
+        double moved = p.coarse ? p.coarse->moved : 0;
         if (!spot->hashed || c->o->grid[0] > 0) {
-            emit_parts(c, spot->x, fine, coarse, fine);
+            emit_parts(c, spot->x, area[CELL_FINE], area[CELL_COARSE], moved, area[CELL_FINE]);
             continue;
         }
-        cells_add_shape(c, spot->hash, spot->x, fine, coarse, fine);
+        cells_add_shape(c, spot->hash, spot->x, area, moved, area[CELL_FINE]);
     }
 }
 
@@ -125,7 +131,8 @@ void cells_emit_few(Cells *c, const Box *cell) {
 static bool add_spot(Cells *c, uint32_t owner, const double x[3], double weight, uint8_t rule) {
     if (!CELLS_ROOM(c, spot, 1)) return false;
     Spot *s = &c->spot[c->nspot++];
-    s->owner = owner, s->rule = rule, s->part = 0, s->hashed = false, s->weight = weight; /* and f comes later */
+    s->owner = owner, s->rule = rule, s->part = 0, s->hashed = false, s->weight = weight,
+    s->moved = 0; /* and f comes later */
     for (uint32_t d = 0; d < 3; d++) s->x[d] = d < c->dim ? cells_round(c, x[d]) : 0;
     return true;
 }
@@ -157,9 +164,10 @@ uint32_t cells_part_ends(const Cells *c, const Column *k, double heights[CELL_ED
 /* On a column, between one root and the next. */
 static bool fill_column(Cells *c, const Column *k, CellRule rule) {
     const Piece *p = &c->piece[k->piece];
-    double x[3], from = c->cell[p->cell].box.lo[p->axis], heights[CELL_EDGES + 1];
+    double x[3], from = c->cell[p->cell].box.lo[p->axis], heights[CELL_EDGES + 1], longer[CELL_EDGES + 1];
     uint32_t n = cells_part_ends(c, k, heights), most = c->cell[p->cell].slice < 0 ? c->rule[CELL_FINE].n : c->tall;
     memcpy(x, k->x, sizeof x);
+    cells_moved_parts(c, k, longer);
     for (uint32_t i = 0; i < n; from = heights[i++]) {
         const GaussRule *g = p->graded ? &c->rule[rule] : rule_along(c, rule, heights[i] - from, most);
         for (uint32_t q = 0; q < g->n * p->parts && heights[i] > from; q++) {
@@ -168,6 +176,7 @@ static bool fill_column(Cells *c, const Column *k, CellRule rule) {
             if (p->graded) w *= 6 * t * (1 - t), t = t * t * (3 - 2 * t);
             x[p->axis] = from + t * (heights[i] - from);
             if (!add_spot(c, k->piece, x, k->weight * w * (heights[i] - from), (uint8_t)rule)) return false;
+            if (rule == CELL_COARSE) c->spot[c->nspot - 1].moved = k->weight * w * longer[i];
         }
     }
     return true;
@@ -196,17 +205,18 @@ static void part_hashes(const Cells *c, const Column *k, bool *known, uint32_t *
  */
 static bool fill_parts(Cells *c, const Column *from, const Column *to) {
     const Piece *p = &c->piece[from->piece];
-    double weight[CELL_EDGES + 1], longest[CELL_EDGES + 1], x[CELL_EDGES + 1][3];
+    double weight[CELL_EDGES + 1], longest[CELL_EDGES + 1], moved[CELL_EDGES + 1], x[CELL_EDGES + 1][3];
     uint32_t n = from->nroots + 1; /* as of all its columns */
     bool known[CELL_EDGES + 1] = {false};
     uint32_t hash[CELL_EDGES + 1] = {0};
     part_hashes(c, from, known, hash);
-    for (uint32_t i = 0; i < n; i++) weight[i] = longest[i] = 0;
+    for (uint32_t i = 0; i < n; i++) weight[i] = longest[i] = moved[i] = 0;
     for (const Column *k = from; k < to; k++) {
-        double heights[CELL_EDGES + 1], last = c->cell[p->cell].box.lo[p->axis];
-        cells_part_ends(c, k, heights);
+        double heights[CELL_EDGES + 1], longer[CELL_EDGES + 1], last = c->cell[p->cell].box.lo[p->axis];
+        cells_part_ends(c, k, heights), cells_moved_parts(c, k, longer);
         for (uint32_t i = 0; i < n; last = heights[i++]) {
             double length = heights[i] - last;
+            if (from->rule == CELL_COARSE) moved[i] += k->weight * longer[i];
             if (!(length > 0)) continue;
             weight[i] += k->weight * length;
             if (length <= longest[i]) continue;
@@ -219,7 +229,7 @@ static bool fill_parts(Cells *c, const Column *from, const Column *to) {
         if (!(weight[i] > 0)) continue;
         if (!add_spot(c, from->piece, x[i], weight[i], from->rule)) return false;
         Spot *s = &c->spot[c->nspot - 1];
-        s->part = (uint8_t)i, s->hashed = known[i] && c->s->told, s->hash = hash[i];
+        s->moved = moved[i], s->part = (uint8_t)i, s->hashed = known[i] && c->s->told, s->hash = hash[i];
     }
     return true;
 }
