@@ -40,6 +40,8 @@ typedef enum CellRule {
 /* A point in the volume of the domain. */
 typedef struct CellPoint {
     double x[3], weight; /* of f in the integral: a volume, or part of a sum that is one, which may be negative */
+    double moved;        /* coarse rule: what rounding of curves may add to the weight of derivatives; of the value
+                            CellCounts.moved tells */
 } CellPoint;
 
 typedef enum CellState { CELL_SETTLED, CELL_CURVED, CELL_LEFT } CellState;

@@ -168,7 +168,8 @@ static bool emit_rims(Cells *c) {
     }
     for (uint32_t i = 0; i < c->nrim; i++) {
         const Rim *r = &c->rim[i];
-        cells_add_shape(c, r->hash, r->x, r->area, c->rule[CELL_COARSE].n ? r->area : 0, r->area);
+        const double area[CELL_RULES] = {r->area, c->rule[CELL_COARSE].n ? r->area : 0};
+        cells_add_shape(c, r->hash, r->x, area, 0, r->area);
     }
     return true;
 }
@@ -281,7 +282,8 @@ void cells_add_borders(Cells *c, const Piece *p, const double area[CELL_RULES], 
     for (int side = 0; side < 2; side++) {
         double sign = side ? -1 : 1;
         place_beside(c, p, e, side, x);
-        cells_add_shape(c, cells_sides_of(c, e)->hash[side], x, sign * area[CELL_FINE], sign * area[CELL_COARSE], size);
+        const double part[CELL_RULES] = {sign * area[CELL_FINE], sign * area[CELL_COARSE]};
+        cells_add_shape(c, cells_sides_of(c, e)->hash[side], x, part, 0, size);
     }
 }
 

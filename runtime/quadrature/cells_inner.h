@@ -284,7 +284,7 @@ typedef struct Spot {
     uint8_t rule, part; /* part: CellOptions.flat, which one of the piece; */
     bool hashed;        /* its hash is known */
     uint32_t hash;
-    double x[3], weight, f[SLT_MAX_CHANNELS];
+    double x[3], weight, moved, f[SLT_MAX_CHANNELS]; /* moved: as in CellPoint */
 } Spot;
 
 /* CellOptions.flat: parts of one hash, how large they are by each rule, and how large are the terms that adds up from.
@@ -292,7 +292,7 @@ typedef struct Spot {
 typedef struct Shape {
     bool used;
     uint32_t hash;
-    double x[3], fine, coarse, size;
+    double x[3], fine, coarse, moved, size;
 } Shape;
 typedef struct Rim Rim; /* cells_border.c */
 
@@ -559,6 +559,10 @@ bool cells_take_sides(Cells *c);
  * the coarse rule are moved, and slopes are those of the sites. */
 bool cells_round_roots(Cells *c, const Column *from, const Column *to);
 void cells_round_arc(Cells *c, const Piece *p, const Arc *arc); /* and weights of the coarse rule */
+/* By how much rounding may make the parts of a column longer, part by part: CellPoint.moved. Each root goes the way
+ * that makes f less, so that what a band loses on one side it does not gain on the other; where f is the same on both
+ * sides, and derivatives may not be, by turns. 0 in f64. */
+void cells_moved_parts(const Cells *c, const Column *k, double longer[CELL_EDGES + 1]);
 static inline const Sides *cells_sides(const Cells *c, const Root *r) { return &c->sides[r->sides - 1]; }
 static inline const Sides *cells_sides_of(const Cells *c, const PieceEdge *e) { return &c->sides[e->sides - 1]; }
 
@@ -715,7 +719,8 @@ static inline double cells_part_begins(const Piece *p, uint32_t k) {
 }
 
 /* So much of what has this hash, at x; size: of the terms that this is made of. */
-void cells_add_shape(Cells *c, uint32_t hash, const double x[3], double fine, double coarse, double size);
+void cells_add_shape(Cells *c, uint32_t hash, const double x[3], const double area[CELL_RULES], double moved,
+                     double size);
 /* What two measures may differ by through rounding, of terms of this size. */
 double cells_part_noise(const Cells *c, double size);
 /* The spots of a piece with these columns, and of all from `first` on. depth: by part, most points along a column;

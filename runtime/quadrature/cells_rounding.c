@@ -233,3 +233,29 @@ bool cells_round_roots(Cells *c, const Column *from, const Column *to) {
     }
     return true;
 }
+
+/* ---- and to the parts between curves */
+/* How far along its line the curve may be from a root; where it may be anywhere on it, no farther. */
+static double off_along(const Root *r) {
+    return smaller(place_error(r, fabs(r->dg[r->axis])), r->ends_at[1] - r->ends_at[0]);
+}
+
+void cells_moved_parts(const Cells *c, const Column *k, double longer[CELL_EDGES + 1]) {
+    const Root *root = &c->root[k->first];
+    for (uint32_t i = 0; i <= k->nroots; i++) longer[i] = 0;
+    for (uint32_t i = 0; i < k->nroots && !c->b->f64; i++) {
+        const Root *r = &root[i];
+        if (!r->wanted || !r->sides) continue;
+        const Sides *s = cells_sides(c, r);
+        double jump = 0, off = off_along(r), at = r->x[r->axis];
+        uint32_t below = 0; /* the part that ends at the root */
+        for (uint32_t ch = 0; ch < c->s->channels; ch++) jump += s->f[1][ch] - s->f[0][ch];
+        for (uint32_t j = 0; j < k->nroots; j++) {
+            double other = root[j].x[r->axis];
+            below += other < at || (other == at && j < i);
+        }
+        if (jump < 0 || (!(jump > 0) && below & 1)) off = -off;
+        if (!(fabs(off) < HUGE_VAL)) continue;
+        longer[below] += off, longer[below + 1] -= off;
+    }
+}

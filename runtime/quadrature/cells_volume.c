@@ -14,23 +14,25 @@ static void flush_points(Cells *c, CellRule r) {
     if (n) c->sink->volume(c->sink->user, c->point[r], n, r, &c->within);
 }
 
-static void emit_parts(Cells *c, const double x[3], double fine, double coarse, double size);
+static void emit_parts(Cells *c, const double x[3], double fine, double coarse, double moved, double size);
 
 void cells_flush_points(Cells *c) {
     for (int i = 0; i < CELL_SHAPES; i++) {
         Shape *s = &c->shape[i];
-        if (s->used) emit_parts(c, s->x, s->fine, s->coarse, s->size);
+        if (s->used) emit_parts(c, s->x, s->fine, s->coarse, s->moved, s->size);
         s->used = false;
     }
     for (int r = 0; r < CELL_POINTS; r++) flush_points(c, (CellRule)r);
 }
 
-static void emit(Cells *c, const double x[3], double weight, CellRule rule) {
+static void emit_moved(Cells *c, const double x[3], double weight, double moved, CellRule rule) {
     if (c->npoint[rule] == BATCH) flush_points(c, rule);
     CellPoint *p = &c->point[rule][c->npoint[rule]++];
     memcpy(p->x, x, sizeof p->x);
-    p->weight = weight;
+    p->weight = weight, p->moved = moved;
 }
+
+static void emit(Cells *c, const double x[3], double weight, CellRule rule) { emit_moved(c, x, weight, 0, rule); }
 
 /* A number that is none is counted where points go through kernels. */
 static bool is_finite(const Cells *c, const double *f) {
@@ -43,7 +45,7 @@ void cells_emit_spots(Cells *c, uint32_t from, uint32_t to, bool taken) {
     for (const Spot *s = c->spot + from; s < c->spot + to; s++)
         if (taken && c->sink->value && is_finite(c, s->f))
             c->sink->value(c->sink->user, s->weight, s->f, (CellRule)s->rule);
-        else emit(c, s->x, s->weight, (CellRule)s->rule);
+        else emit_moved(c, s->x, s->weight, s->moved, (CellRule)s->rule);
 }
 
 void cells_emit_middle(Cells *c, const double lo[3], const double end[3]) {
@@ -83,24 +85,26 @@ static bool next_part(PartSpots *p) {
 double cells_part_noise(const Cells *c, double size) { return larger(c->b->f64 ? 0x1p-50 : 0x1p-21, c->slack) * size; }
 
 /* Measures by the two rules: what both make equal goes out once, and else what the coarse one has more or less. */
-static void emit_parts(Cells *c, const double x[3], double fine, double coarse, double size) {
-    bool both = c->rule[CELL_COARSE].n > 0, same = fabs(coarse - fine) <= cells_part_noise(c, size);
+static void emit_parts(Cells *c, const double x[3], double fine, double coarse, double moved, double size) {
+    double noise = cells_part_noise(c, size);
+    bool both = c->rule[CELL_COARSE].n > 0, same = fabs(coarse - fine) <= noise && fabs(moved) <= noise;
     if (fine != 0) emit(c, x, fine, both ? CELL_BOTH : CELL_FINE);
-    if (both && !same) emit(c, x, coarse - fine, CELL_COARSE);
+    if (both && !same) emit_moved(c, x, coarse - fine, moved, CELL_COARSE);
 }
 
 /* Those with the same hash, of a cell or of many, are parts of one shape: one point does for all. */
-void cells_add_shape(Cells *c, uint32_t hash, const double x[3], double fine, double coarse, double size) {
+void cells_add_shape(Cells *c, uint32_t hash, const double x[3], const double area[CELL_RULES], double moved,
+                     double size) {
     Shape *s = &c->shape[hash % CELL_SHAPES];
     if (s->used && s->hash != hash) {
-        emit_parts(c, s->x, s->fine, s->coarse, s->size);
+        emit_parts(c, s->x, s->fine, s->coarse, s->moved, s->size);
         s->used = false;
     }
     if (!s->used) {
         *s = (Shape){.used = true, .hash = hash};
         memcpy(s->x, x, sizeof s->x);
     }
-    s->fine += fine, s->coarse += coarse, s->size += size;
+    s->fine += area[CELL_FINE], s->coarse += area[CELL_COARSE], s->moved += moved, s->size += size;
 }
 
 /* Parts of one piece; of an image each pixel has its own. */
@@ -108,12 +112,13 @@ void cells_emit_parts(Cells *c, uint32_t from, uint32_t to) {
     PartSpots p = parts_of(c, from, to);
     while (next_part(&p)) {
         const Spot *spot = p.fine ? p.fine : p.coarse;
-        double fine = p.fine ? p.fine->weight : 0, coarse = p.coarse ? p.coarse->weight : 0;
+        const double area[CELL_RULES] = {p.fine ? p.fine->weight : 0, p.coarse ? p.coarse->weight : 0};
+        double moved = p.coarse ? p.coarse->moved : 0;
         if (!spot->hashed || c->o->grid[0] > 0) {
-            emit_parts(c, spot->x, fine, coarse, fine);
+            emit_parts(c, spot->x, area[CELL_FINE], area[CELL_COARSE], moved, area[CELL_FINE]);
             continue;
         }
-        cells_add_shape(c, spot->hash, spot->x, fine, coarse, fine);
+        cells_add_shape(c, spot->hash, spot->x, area, moved, area[CELL_FINE]);
     }
 }
 
@@ -135,7 +140,8 @@ void cells_emit_few(Cells *c, const Box *cell) {
 static bool add_spot(Cells *c, uint32_t owner, const double x[3], double weight, uint8_t rule) {
     if (!CELLS_ROOM(c, spot, 1)) return false;
     Spot *s = &c->spot[c->nspot++];
-    s->owner = owner, s->rule = rule, s->part = 0, s->hashed = false, s->weight = weight; /* and f comes later */
+    s->owner = owner, s->rule = rule, s->part = 0, s->hashed = false, s->weight = weight,
+    s->moved = 0; /* and f comes later */
     for (uint32_t d = 0; d < 3; d++) s->x[d] = d < c->dim ? cells_round(c, x[d]) : 0;
     return true;
 }
@@ -168,9 +174,10 @@ uint32_t cells_part_ends(const Cells *c, const Column *k, double heights[CELL_ED
  * Sets Piece.capped and Piece.depth. */
 static bool fill_column(Cells *c, const Column *k, CellRule rule, const uint32_t *depth) {
     Piece *p = &c->piece[k->piece];
-    double x[3], from = c->cell[p->cell].box.lo[p->axis], heights[CELL_EDGES + 1];
+    double x[3], from = c->cell[p->cell].box.lo[p->axis], heights[CELL_EDGES + 1], longer[CELL_EDGES + 1];
     uint32_t n = cells_part_ends(c, k, heights), most = c->cell[p->cell].slice < 0 ? c->rule[CELL_FINE].n : c->tall;
     memcpy(x, k->x, sizeof x);
+    cells_moved_parts(c, k, longer);
     for (uint32_t i = 0; i < n; from = heights[i++]) {
         const GaussRule *g = p->graded ? &c->rule[rule] : rule_along(c, rule, heights[i] - from, most);
         if (depth && g->n > depth[i] - (rule == CELL_COARSE))
@@ -183,6 +190,7 @@ static bool fill_column(Cells *c, const Column *k, CellRule rule, const uint32_t
             x[p->axis] = from + t * (heights[i] - from);
             if (!add_spot(c, k->piece, x, k->weight * w * (heights[i] - from), (uint8_t)rule)) return false;
             c->spot[c->nspot - 1].part = (uint8_t)i;
+            if (rule == CELL_COARSE) c->spot[c->nspot - 1].moved = k->weight * w * longer[i];
         }
     }
     return true;
@@ -210,17 +218,18 @@ void cells_part_hashes(const Cells *c, const Column *k, bool *known, uint32_t *h
  */
 static bool fill_parts(Cells *c, const Column *from, const Column *to) {
     const Piece *p = &c->piece[from->piece];
-    double weight[CELL_EDGES + 1], longest[CELL_EDGES + 1], x[CELL_EDGES + 1][3];
+    double weight[CELL_EDGES + 1], longest[CELL_EDGES + 1], moved[CELL_EDGES + 1], x[CELL_EDGES + 1][3];
     uint32_t n = from->nroots + 1; /* as of all its columns */
     bool known[CELL_EDGES + 1] = {false};
     uint32_t hash[CELL_EDGES + 1] = {0};
     cells_part_hashes(c, from, known, hash);
-    for (uint32_t i = 0; i < n; i++) weight[i] = longest[i] = 0;
+    for (uint32_t i = 0; i < n; i++) weight[i] = longest[i] = moved[i] = 0;
     for (const Column *k = from; k < to; k++) {
-        double heights[CELL_EDGES + 1], last = c->cell[p->cell].box.lo[p->axis];
-        cells_part_ends(c, k, heights);
+        double heights[CELL_EDGES + 1], longer[CELL_EDGES + 1], last = c->cell[p->cell].box.lo[p->axis];
+        cells_part_ends(c, k, heights), cells_moved_parts(c, k, longer);
         for (uint32_t i = 0; i < n; last = heights[i++]) {
             double length = heights[i] - last;
+            if (from->rule == CELL_COARSE) moved[i] += k->weight * longer[i];
             if (!(length > 0)) continue;
             weight[i] += k->weight * length;
             if (length <= longest[i]) continue;
@@ -233,7 +242,7 @@ static bool fill_parts(Cells *c, const Column *from, const Column *to) {
         if (!(weight[i] > 0)) continue;
         if (!add_spot(c, from->piece, x[i], weight[i], from->rule)) return false;
         Spot *s = &c->spot[c->nspot - 1];
-        s->part = (uint8_t)i, s->hashed = known[i] && c->s->told, s->hash = hash[i];
+        s->moved = moved[i], s->part = (uint8_t)i, s->hashed = known[i] && c->s->told, s->hash = hash[i];
     }
     return true;
 }

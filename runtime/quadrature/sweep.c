@@ -62,7 +62,7 @@ static void volume_integral(SweepWorker *v, const CellPoint *p, uint32_t n, Cell
         return;
     }
     double weight[BATCH];
-    for (uint32_t i = 0; i < n; i++) weight[i] = p[i].weight;
+    for (uint32_t i = 0; i < n; i++) weight[i] = p[i].weight + p[i].moved;
     accum_rows(&v->w->acc, b, weight, n, group * channels);
     for (uint32_t c = 0; c < channels; c++) /* the reverse kernel gives f as well */
         for (uint32_t i = 0; i < n; i++) add_value(v, rule, c, p[i].weight * batch_get(b, SLT_OUT_F, c, i));
@@ -96,7 +96,7 @@ void sweep_volume_reverse(SweepWorker *v, const CellPoint *p, uint32_t n, CellRu
         for (uint32_t c = 0; c < channels; c++) any |= a[c] != 0;
         if (!any) continue; /* no pixel asks for it */
         batch_set_x(b, used, p[i].x);
-        for (uint32_t c = 0; c < channels; c++) batch_set(b, SLT_IN_SEED0 + c, used, p[i].weight * a[c]);
+        for (uint32_t c = 0; c < channels; c++) batch_set(b, SLT_IN_SEED0 + c, used, (p[i].weight + p[i].moved) * a[c]);
         used++;
     }
     accum_call(&v->w->acc, b, SLT_K_VJP, used, interior_group(rule));

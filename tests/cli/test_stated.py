@@ -314,6 +314,30 @@ class Rules(Case):
             for name, value in want.items():
                 self.assertLessEqual(abs(j["gradient"][name] - value), j["stderr"][name] + 1e-12, (name, options))
 
+    def test_rounding_of_curves(self):
+        """In f32 it is part of what derivatives of shading state, which jump where f does, or where it does not: thin bands
+        in one, two and three dimensions, a small disc."""
+        disc = math.pi * 1e-8  # its area
+        programs = [("float x", "abs(x - 0.6131) < w", "A", 0, 2), ("float x", "abs(x - 0.317) < w", "A", 1, 2)]
+        for a in 0.15, 0.3, 0.42:
+            for jumps in 0, 1:
+                programs.append(("float2 x", "abs(x.y - %g - 0.3 * x.x * x.x) < w" % a, "A", jumps, 2))
+            programs.append(("float2 x", "abs(x.y - %g - 0.3 * x.x * x.x) < w" % a, "A * (1.0 + x.x)", 0, 3))
+            programs.append(("float3 x", "abs(x.y - %g - 0.3 * x.x * x.z) < w" % a, "A", 0, 2))
+        for x, condition, f, outside, slope in programs:
+            for w in (1e-4, 1e-5) if x != "float3 x" else (1e-3,):
+                self.put("s.salt", "param float A = 1.0; param float w = %g; shader float main(%s) { float f = %d.0; "
+                         "[Disc] if (%s) f = %s; return f; }" % (w, x, outside, condition, f))
+                j = self.json_cli("grad", "s.salt", "--integral", "--estimator", "quadrature")
+                with self.subTest(condition=condition, w=w, outside=outside):
+                    self.assertLessEqual(abs(j["gradient"]["A"] - slope * w), j["stderr"]["A"])
+                    self.assertLessEqual(j["stderr"]["A"], 1e-6 if x != "float3 x" else 0.25 * w)
+        self.put("s.salt", "param float A = 1.0; param float r = 1e-4; [Domain(-1.0, 1.0)] shader float main(float2 x) { float f = 0.0; "
+                 "[Disc] if (length(x - float2(0.613, 0.317)) < r) f = A; return f; }")
+        j = self.json_cli("grad", "s.salt", "--integral", "--estimator", "quadrature")
+        self.assertLessEqual(abs(j["gradient"]["A"] - disc), j["stderr"]["A"])
+        self.assertLessEqual(j["stderr"]["A"], 1e-3 * disc)
+
 
 if __name__ == "__main__":
     unittest.main()
