@@ -36,7 +36,10 @@ enum {
 #define MARCH_SHARE 0.75
 #define SLACK 0x1p-8 /* of roots, in parts of the tolerance */
 #define SLACK_MOST 0x1p-20
-#define LEAST_CELLS 0x1p-3 /* most that the least cell may be, in parts of a usual one */
+/* Most that the least cell may be, in parts of a usual one: where an error is wanted, in a plane, it is cheaper to cut
+ * what is left than to search it. In a solid such cells lie along surfaces, and are many. */
+#define LEAST_CELLS 0x1p-3
+#define LEAST_WANTED 0x1p-5
 #define LEAST_F64 0x1p-34
 #define LEAST_F32 0x1p-17
 
@@ -71,7 +74,8 @@ void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook) {
     /* Components are as large as shapes are: a few cells wide. */
     e->tolerance = fmin(3e-2, 10 * usual) * (e->wanted ? fmin(goal, LOOSEST) : goal);
     if (r->s->chunked && e->wanted) e->tolerance *= MANY_PIECES;
-    e->least = clamp(8 * goal, fmax(least_of(e), 0x1p-24), LEAST_CELLS * usual);
+    double least = e->wanted && r->s->dim < 3 ? LEAST_WANTED : LEAST_CELLS;
+    e->least = clamp(8 * goal, fmax(least_of(e), 0x1p-24), least * usual);
     e->given = j->max_evaluations > 0;
     double unproven = outlook.unproven, cells = fmax(outlook.cells, least_cells[r->s->dim - 1]);
     e->limit = j->max_evaluations ? j->max_evaluations
