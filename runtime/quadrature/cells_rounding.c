@@ -153,8 +153,6 @@ static void blur_root(Cells *c, const Column *k, Root *r, double width, double e
     double line = (r->ends_at[1] - r->ends_at[0]) * fabs(r->dg[r->axis]) / steep;
     double place = smaller(place_error(r, steep), line), weight = k->weight / fabs(r->dg[r->axis]) * steep;
     double bent = place * bend_of(c, r->of, width, steep);
-    /* Where rounding reaches beyond the cell g has few values in it, and pieces are taken for hidden, or are none. */
-    if (r->of->error > steep * width) bent = larger(bent, BENT);
     if (!(bent < HUGE_VAL)) return;
     r->blur = bent + ends;
     if (k->rule == CELL_COARSE) return;
