@@ -175,7 +175,7 @@ def rows():
     add(k, "`1e6 + d < 1e6`", disc("1e6 + d < 1e6"), circle)
     add(k, "`1e4 + d < 1e4`", disc("1e4 + d < 1e4"), circle)
     add(k, "`sqrt(1 + 1e-4 d) < 1`", disc("sqrt(1.0 + 1e-4 * d) < 1.0"), circle)
-    add(k, "`cos(1e-3 |x|) > cos(1e-3 r)`", disc("cos(1e-3 * length(x)) > cos(1e-3 * r)"), circle)
+    add(k, "`cos(1e-3 |x|) > cos(1e-3 r)`", disc("cos(1e-3 * length(x)) > cos(1e-3 * r)"), circle, known={"quadrature f32": "g has eight values in all of the domain, and of the bound of its rounding a quarter is stated"})
     add(k, "`(|x| + 1e4)^2 < (r + 1e4)^2`", disc("(length(x) + 1e4) * (length(x) + 1e4) < (r + 1e4) * (r + 1e4)"), circle)
     add(k, "`(|x|^2 - r^2)^3`, multiplied out", disc("u * u * u - 3.0 * u * u * s + 3.0 * u * s * s - s * s * s < 0.0".replace("u", "dot(x, x)").replace("s", "(r * r)")), circle)
     add(k, "shading `1e7 + x - 1e7`", shader("r = 0.4", "[Disc] if (length(x) < r) f = (1e7 + 100.0 * x.x) - 1e7;"), {"r": 0})
