@@ -1,46 +1,16 @@
 /* Smooth shading between curves: it takes as many points as it needs and no more, whatever it hangs on, and what is
  * stated holds. */
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include <cmocka.h>
-
-#include "saltus/saltus.h"
+#include "tests/quadrature/integrate.h"
 
 #define BLOBS(k)                                                                                                       \
     "param float k = " #k "; param float level = 0.3; param float a = 0.5; param float none = 0.0;\n"                  \
     "[Domain(-1.0, 1.0)] shader float main(float2 x) { float f = 0.0;\n"                                               \
     "[Disc] if (sin(k * x.x) * sin(k * x.y) + level < 0.0) "
-
-enum { PARAMETERS = 4 };
-typedef struct Result {
-    double value, value_error, g[PARAMETERS], error[PARAMETERS];
-    SltStats stats;
-} Result;
-
-static Result integrate(const char *source, double error) {
-    SltOptions o = SLT_OPTIONS_INIT;
-    o.f64 = true;
-    SltProgram *p = NULL;
-    if (slt_compile_string(source, "shaded", &o, &p) != SLT_OK) fail_msg("%s", slt_diagnostics_text(p));
-    Result r = {.stats = SLT_STATS_INIT};
-    assert_true(slt_float_count(p) <= PARAMETERS);
-    SltJob job = SLT_JOB_INIT;
-    job.integral = true, job.estimator = SLT_EST_QUADRATURE, job.error = error;
-    SltIntegral out = {.struct_size = sizeof out,
-                       .value = &r.value,
-                       .value_stderr = &r.value_error,
-                       .gradient = r.g,
-                       .gradient_stderr = r.error};
-    SltError err = {0};
-    if (slt_grad_integral(p, &job, &out, &r.stats, &err) != SLT_OK) fail_msg("%s", err.text);
-    slt_program_free(p);
-    return r;
-}
 
 /* most: evaluations to 1e-9 of the largest component. */
 static const struct {
@@ -60,9 +30,10 @@ static const struct {
 static void as_many_points_as_it_needs(void **state) {
     (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
-        Result r = integrate(cases[i].source, 1e-9), fine = integrate(cases[i].source, 1e-11);
+        Result r = integrate("shaded", cases[i].source, true, 1e-9),
+               fine = integrate("shaded", cases[i].source, true, 1e-11);
         double largest = 0;
-        for (int k = 0; k < PARAMETERS; k++) largest = fmax(largest, fabs(fine.g[k]));
+        for (int k = 0; k < (int)fine.n; k++) largest = fmax(largest, fabs(fine.g[k]));
         if (getenv("SALTUS_PRINT"))
             printf("    %s: %llu evaluations, value %.2g, stated %.2g\n", cases[i].name,
                    (unsigned long long)r.stats.evaluations, r.value - fine.value, r.value_error);
@@ -70,7 +41,7 @@ static void as_many_points_as_it_needs(void **state) {
             fail_msg("%s: %llu evaluations", cases[i].name, (unsigned long long)r.stats.evaluations);
         if (!(fabs(r.value - fine.value) <= r.value_error + fine.value_error) || !(r.value_error < 1e-8))
             fail_msg("%s: value off by %g, stated %g", cases[i].name, r.value - fine.value, r.value_error);
-        for (int k = 0; k < PARAMETERS; k++)
+        for (int k = 0; k < (int)fine.n; k++)
             if (!(fabs(r.g[k] - fine.g[k]) <= r.error[k] + fine.error[k]) || !(r.error[k] <= 1e-9 * largest))
                 fail_msg("%s: derivative %d off by %g, stated %g", cases[i].name, k, r.g[k] - fine.g[k], r.error[k]);
     }

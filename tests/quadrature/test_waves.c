@@ -1,42 +1,16 @@
 /* Sites whose g is a wave are integrated along the levels of what the wave is of (variant_waves.c). The same programs
  * with a g that is no wave to the compiler give the same derivatives, for many times the evaluations. */
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include <cmocka.h>
-
-#include "saltus/saltus.h"
+#include "tests/quadrature/integrate.h"
 
 #define PLANE                                                                                                          \
     "param float k = 60.0; param float t = 0.15; param float2 c = float2(0.06, -0.03); param float ink = 0.8;\n"       \
     "[Domain(-1.0, 1.0)] shader float main(float2 x) { float2 d = x - c; float u = k * dot(d, d); float f = 0.1;\n"
 #define FEW "1e-30 * x.x" /* moves nothing, and yet it is not the same everywhere */
-
-typedef struct Result {
-    double value, g[8];
-    uint32_t n;
-    SltStats stats;
-} Result;
-
-static Result integrate(const char *source, bool f64, double error) {
-    SltOptions o = SLT_OPTIONS_INIT;
-    o.f64 = f64;
-    SltProgram *p = NULL;
-    if (slt_compile_string(source, "waves", &o, &p) != SLT_OK) fail_msg("%s", slt_diagnostics_text(p));
-    Result r = {.n = slt_float_count(p), .stats = SLT_STATS_INIT};
-    assert_true(r.n <= 8);
-    SltJob job = SLT_JOB_INIT;
-    job.integral = true, job.estimator = SLT_EST_QUADRATURE, job.error = error;
-    SltIntegral out = {.struct_size = sizeof out, .value = &r.value, .gradient = r.g};
-    SltError err = {0};
-    if (slt_grad_integral(p, &job, &out, &r.stats, &err) != SLT_OK) fail_msg("%s", err.text);
-    slt_program_free(p);
-    return r;
-}
 
 /* %s: nothing, or something that makes g no wave. */
 static const struct {
@@ -71,7 +45,7 @@ static void same_without_levels(void **state) {
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         char source[2][900];
         for (int w = 0; w < 2; w++) snprintf(source[w], sizeof source[w], cases[i].source, w ? " + " FEW : "");
-        Result levels = integrate(source[0], true, 1e-8), plain = integrate(source[1], true, 1e-8);
+        Result levels = integrate("waves", source[0], true, 1e-8), plain = integrate("waves", source[1], true, 1e-8);
         double largest = 1e-3, off = fabs(levels.value - plain.value);
         for (uint32_t k = 0; k < levels.n; k++) largest = fmax(largest, fabs(plain.g[k]));
         for (uint32_t k = 0; k < levels.n; k++) off = fmax(off, fabs(levels.g[k] - plain.g[k]) / largest);
@@ -101,7 +75,7 @@ static void roots_of_a_line(void **state) {
                  "> t) f = 1.0; return f; }",
                  t, k);
         double want = -roots / (k * sqrt(1 - t * t));
-        Result r = integrate(source, true, 1e-8), single = integrate(source, false, 1e-5);
+        Result r = integrate("waves", source, true, 1e-8), single = integrate("waves", source, false, 1e-5);
         if (!(fabs(r.g[0] / want - 1) < 1e-10)) fail_msg("k %g, t %g: %.15g, exact %.15g", k, t, r.g[0], want);
         if (!(fabs(single.g[0] / want - 1) < 1e-4)) fail_msg("f32, k %g, t %g: %g, exact %g", k, t, single.g[0], want);
     }
@@ -116,7 +90,7 @@ static void zone_plates(void **state) {
         "param float k = 240.0; param float t = 0.15; param float2 c = float2(0.06, -0.03); [Domain(-1.0, 1.0)] shader "
         "float main(float2 x) { [Disc] return sin(k * length(x - c)) > t ? 1.0 : 0.2; }"};
     for (int i = 0; i < 2; i++) {
-        Result r = integrate(source[i], true, 1e-9);
+        Result r = integrate("waves", source[i], true, 1e-9);
         if (getenv("SALTUS_PRINT"))
             printf("    %llu evaluations, %.3f s\n", (unsigned long long)r.stats.evaluations, r.stats.seconds);
         if (r.stats.evaluations > (i ? 850000 : 2000000))
