@@ -467,7 +467,7 @@ static void verify(Finder *f, Item *items, uint32_t n) {
     batch_call(b, SLT_K_SIDES, 2 * n);
     uint32_t slot[FIND];
     for (uint32_t i = 0; i < n; i++) {
-        const Item *it = &items[i];
+        Item *it = &items[i];
         double lo, hi;
         slot[i] = UINT32_MAX;
         search_bracket(it, &lo, &hi);
@@ -482,6 +482,8 @@ static void verify(Finder *f, Item *items, uint32_t n) {
             band.fine = true;
             search_push(f, &band, lo, hi, before, after, SEARCH_ROOT);
         } else if (jumped) slot[i] = accept(f, it, lo, hi, before, after, 2 * i);
+        it->s.narrow |=
+            search_differ(it->s.ma, before, it->s.threshold) || search_differ(after, it->s.mb, it->s.threshold);
         /* g is 0 at an end of the part, and nothing jumps there: it is flat, and says nothing of where the decision
          * changes. */
         bool flat = !jumped && it->exact && (it->ga == 0 || it->gb == 0);

@@ -45,10 +45,12 @@ typedef struct Segment {
     uint8_t touches;  /* TOUCH_* bits: there is a crossing right beside this end of the part; prove.h */
     uint8_t owner;    /* whose it is: an index of Finder.lost */
     bool fine;        /* a bracket of which both sides were alike: as near as rounding allows */
-    uint32_t edge;    /* of the lattice's tile: 1 + its first vertex; 0: none */
-    uint32_t thin;    /* beside which run of one vertex it lies: thin.h */
-    uint32_t line;    /* in a volume: which of the lines of all replicates */
-    double cut;       /* the t at which to bisect; 0: in the middle of ta and tb */
+    bool narrow;   /* another crossing of the line is near: the next edge, or the one before, has ends that differ, too,
+                      or what is left of this one */
+    uint32_t edge; /* of the lattice's tile: 1 + its first vertex; 0: none */
+    uint32_t thin; /* beside which run of one vertex it lies: thin.h */
+    uint32_t line; /* in a volume: which of the lines of all replicates */
+    double cut;    /* the t at which to bisect; 0: in the middle of ta and tb */
 } Segment;
 
 struct Apart;
@@ -61,6 +63,7 @@ typedef struct Crossing {
     double jump[SLT_MAX_CHANNELS];   /* f on b's side, less before */
     float doubt[SLT_MAX_CHANNELS];   /* by how much the jump may be another: flank.c */
     bool doubted;                    /* any is not 0 */
+    bool narrow;                     /* another one is near, and its jump may take away nearly all of this one's */
     bool silent;                     /* f does not jump: Finder.silent */
     double ga, gb, bracket; /* g at the ends of the final bracket (0, 0: an exact zero), its length in the domain */
     double direction[3];    /* b - a */
@@ -124,6 +127,7 @@ struct Finder {
                          nobody asks */
     bool ties;        /* crossings at which regions differ and f does not are wanted too: Crossing.silent */
     bool coarse;      /* rays in an image: a root to 2^-9 of a segment, less than a hundredth of a pixel, will do */
+    bool pairs;       /* of an integral: what jumps of crossings near each other leave of each other counts: flank.c */
     bool halve_only;  /* as Belhe et al. search: bisection on the hash down to 2^-15 */
     bool failed;      /* memory ran out */
 };

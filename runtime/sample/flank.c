@@ -9,6 +9,7 @@
 #include <math.h>
 
 #include "runtime/sample/search.h"
+#include "runtime/sample/thin.h"
 
 enum {
     EACH = 8,   /* crossings of which one is looked at */
@@ -38,8 +39,15 @@ static bool known(const Finder *f, uint32_t lane, uint32_t hash, double t) {
     return t >= 0 && t <= 1 && batch_mark(f->b, lane).hash == hash;
 }
 
-/* Does f change beside any of these crossings by what matters? Two lanes each. */
-static bool any_steep(Finder *f, const Item *items, const uint32_t *slot, const uint32_t *at, uint32_t n) {
+/* May the next crossing of the line be so near that their jumps nearly take each other away? */
+static bool is_narrow(const Item *it) {
+    return it->s.narrow || it->s.thin == THIN_FOUND || it->s.ta > 0 || it->s.tb < 1;
+}
+
+/* Does f change beside any of these crossings by what matters? Two lanes each. If not, half of what it changes by is in
+ * doubt: each speaks for `stands` of them. */
+static bool any_steep(Finder *f, const Item *items, const uint32_t *slot, const uint32_t *at, uint32_t n,
+                      double stands) {
     Batch *b = f->b;
     bool steep = false;
     for (uint32_t i = 0; i < n; i++) {
@@ -56,6 +64,16 @@ static bool any_steep(Finder *f, const Item *items, const uint32_t *slot, const 
                 double v = end ? c->before[ch] + c->jump[ch] : c->before[ch];
                 double change = fabs(batch_get(b, SLT_OUT_F, ch, 2 * i + end) - v);
                 steep |= change > STEEP * fabs(c->jump[ch]) + 8 * unit(f->s) * fabs(v);
+            }
+    }
+    for (uint32_t i = 0; i < n && !steep && f->pairs; i++) {
+        Crossing *c = &f->found[slot[at[i]]];
+        if (is_narrow(&items[at[i]])) continue;
+        for (uint32_t end = 0; end < 2; end++)
+            for (uint32_t ch = 0; ch < f->s->channels && known(f, 2 * i + end, end ? c->hb : c->ha, 0.5); ch++) {
+                double v = end ? c->before[ch] + c->jump[ch] : c->before[ch];
+                double change = fabs(batch_get(b, SLT_OUT_F, ch, 2 * i + end) - v) - 8 * unit(f->s) * fabs(v);
+                if (change > 0) c->doubt[ch] += (float)(0.5 * stands * change), c->doubted = true;
             }
     }
     return steep;
@@ -91,6 +109,12 @@ static double singular(const Finder *f, uint32_t from, uint32_t hash, uint32_t c
 
 static double slope(const Flank *k, uint32_t i, uint32_t ch) {
     return (k->f[i][ch] - k->f[i + 1][ch]) / (k->at[i] - k->at[i + 1]);
+}
+
+/* Where g is 0 along the chord of the bracket's ends, in parts of the segment. */
+static double root_t(const Item *it) {
+    bool chord = !it->exact && isfinite(it->f1) && isfinite(it->f2) && it->f1 != it->f2;
+    return chord ? it->x1 + (it->x2 - it->x1) * (it->f1 / (it->f1 - it->f2)) : it->x1;
 }
 
 /* The root where g is 0 along the chord of the bracket's ends. */
@@ -147,20 +171,116 @@ static void settle_some(Finder *f, Item *items, const uint32_t *slot, const uint
     }
 }
 
+/* Brackets of the wanted items become as short as floats allow. */
+static void shorten(Finder *f, Item *items, uint32_t nitems, const bool *wanted) {
+    for (uint32_t i = 0; i < nitems; i++) {
+        Item *it = &items[i];
+        double least = (f->s->f64 ? ROUNDED_G : 1) * search_least(f, &it->s), width = fabs(it->x2 - it->x1);
+        if (!wanted[i]) it->exact = true; /* nothing more to be searched */
+        it->tol = fmin(it->tol, least);
+        it->left = !it->exact && width > least ? (uint32_t)ceil(log2(width / least)) + 2 : 0;
+    }
+    search_solve(f, items, nitems);
+}
+
+/* A crossing near another one. */
+typedef struct Narrow {
+    uint32_t item;
+    double near[2], far[2]; /* ends of the short bracket, and places beyond them */
+    double at_near[SLT_MAX_CHANNELS][2], at_far[SLT_MAX_CHANNELS][2]; /* f there */
+    bool known[2];                                                    /* at_far is on the side of its end */
+} Narrow;
+
+/* Is f beside the root another one than at the ends of the longer bracket, but for what before + jump rounds? If not,
+ * the crossing stays to the bit what it is in a scene that is known to be flat: whether that is known depends on what
+ * was asked of the program before. */
+static bool changes_beside(const Finder *f, const Narrow *k, const Crossing *c) {
+    for (uint32_t ch = 0; ch < f->s->channels; ch++)
+        for (uint32_t end = 0; end < 2; end++) {
+            double v = end ? c->before[ch] + c->jump[ch] : c->before[ch];
+            double rounding = 2 * DBL_EPSILON * (fabs(c->before[ch]) + fabs(v));
+            if (!(fabs(k->at_near[ch][end] - v) <= rounding)) return true;
+            if (k->known[end] && !(fabs(k->at_far[ch][end] - v) <= rounding)) return true;
+        }
+    return false;
+}
+
+static void settle_narrow(const Finder *f, const Item *it, const Narrow *k, Crossing *c) {
+    double root = root_of(f, it), least = search_least(f, &it->s);
+    for (uint32_t ch = 0; ch < f->s->channels; ch++) {
+        double v[2], slopes[2] = {0}, off = 0;
+        for (uint32_t end = 0; end < 2; end++) {
+            double from = place(f, &it->s, k->near[end]), run = from - place(f, &it->s, k->far[end]);
+            if (k->known[end] && run != 0) slopes[end] = (k->at_near[ch][end] - k->at_far[ch][end]) / run;
+            v[end] = k->at_near[ch][end] + slopes[end] * (root - from);
+            off += 0.5 * unit(f->s) * fabs(v[end]);
+        }
+        off += 0.5 * fabs(slopes[1] - slopes[0]) * least; /* the root is known to a float */
+        if (!isfinite(v[0]) || !isfinite(v[1]) || !isfinite(off)) continue;
+        c->before[ch] = v[0], c->jump[ch] = v[1] - v[0], c->doubt[ch] += (float)off;
+        c->doubted |= c->doubt[ch] > 0;
+    }
+    c->narrow = true;
+    if (!it->exact) c->t = search_clamp(root_t(it), k->near[0], k->near[1]), segment_at(&it->s, c->t, c->x);
+}
+
+/* Both sides of a narrow band: where its edges move together all that is left is by how much f differs from one to the
+ * other, and what f changes by on a bracket of the usual length is as much. So brackets become short, and f is carried
+ * on to the root as it changes beside it; rounding of f is in doubt. */
+static void settle_pairs(Finder *f, Item *items, uint32_t n, const uint32_t *slot, const uint32_t *at, uint32_t nat) {
+    enum { FAR = 8 };
+    Narrow all[FIND];
+    uint32_t count = 0;
+    bool wanted[FIND] = {false};
+    for (uint32_t i = 0; i < nat; i++) {
+        const Item *it = &items[at[i]];
+        if (!is_narrow(it)) continue;
+        wanted[at[i]] = true, all[count].item = at[i];
+        search_bracket(it, &all[count].far[0], &all[count].far[1]), count++;
+    }
+    if (!count) return;
+    shorten(f, items, n, wanted);
+    for (uint32_t i = 0; i < count; i++) {
+        Narrow *k = &all[i];
+        const Item *it = &items[k->item];
+        double away = FAR * search_least(f, &it->s);
+        search_bracket(it, &k->near[0], &k->near[1]);
+        k->far[0] = fmax(0, fmin(k->far[0], k->near[0] - away)),
+        k->far[1] = fmin(1, fmax(k->far[1], k->near[1] + away));
+        for (uint32_t end = 0; end < 2; end++) search_put(f, 2 * i + end, &it->s, k->far[end]);
+    }
+    batch_call(f->b, SLT_K_SIDES, 2 * count);
+    for (uint32_t i = 0; i < 2 * count; i++) {
+        const Crossing *c = &f->found[slot[all[i / 2].item]];
+        all[i / 2].known[i % 2] = known(f, i, i % 2 ? c->hb : c->ha, all[i / 2].far[i % 2]);
+        for (uint32_t ch = 0; ch < f->s->channels; ch++)
+            all[i / 2].at_far[ch][i % 2] = batch_get(f->b, SLT_OUT_F, ch, i);
+    }
+    for (uint32_t i = 0; i < 2 * count; i++) search_put(f, i, &items[all[i / 2].item].s, all[i / 2].near[i % 2]);
+    batch_call(f->b, SLT_K_SIDES, 2 * count);
+    for (uint32_t i = 0; i < count; i++) {
+        Crossing *c = &f->found[slot[all[i].item]];
+        if (!known(f, 2 * i, c->ha, all[i].near[0]) || !known(f, 2 * i + 1, c->hb, all[i].near[1])) continue;
+        for (uint32_t ch = 0; ch < f->s->channels; ch++)
+            for (uint32_t end = 0; end < 2; end++)
+                all[i].at_near[ch][end] = batch_get(f->b, SLT_OUT_F, ch, 2 * i + end);
+        if (changes_beside(f, &all[i], c)) settle_narrow(f, &items[all[i].item], &all[i], c);
+    }
+}
+
 void flank_settle(Finder *f, Item *items, const uint32_t *slot, uint32_t n) {
     uint32_t at[FIND], asked[FIND], nat = 0, nasked = 0;
     for (uint32_t i = 0; i < n; i++)
         if (slot[i] != UINT32_MAX) at[nat++] = i;
     for (uint32_t i = 0; i < nat; i += EACH) asked[nasked++] = at[i];
-    if (!nasked || !any_steep(f, items, slot, asked, nasked)) return;
-    for (uint32_t i = 0; i < n; i++) {
-        Item *it = &items[i];
-        double least = (f->s->f64 ? ROUNDED_G : 1) * search_least(f, &it->s), width = fabs(it->x2 - it->x1);
-        if (slot[i] == UINT32_MAX) it->exact = true; /* nothing more to be searched */
-        it->tol = fmin(it->tol, least);
-        it->left = !it->exact && width > least ? (uint32_t)ceil(log2(width / least)) + 2 : 0;
+    if (!nasked) return;
+    if (!any_steep(f, items, slot, asked, nasked, (double)nat / nasked)) {
+        if (f->pairs) settle_pairs(f, items, n, slot, at, nat);
+        return;
     }
-    search_solve(f, items, n);
+    bool wanted[FIND];
+    for (uint32_t i = 0; i < n; i++) wanted[i] = slot[i] != UINT32_MAX;
+    shorten(f, items, n, wanted);
     for (uint32_t from = 0; from < nat; from += ROOM)
         settle_some(f, items, slot, at + from, nat - from < ROOM ? nat - from : ROOM);
 }

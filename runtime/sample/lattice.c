@@ -160,6 +160,7 @@ static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uin
         if (alike && (!w->finder.proves || w->settled[first + v * stride] >> axis & 1)) continue;
         s->a[axis] = pos[v], s->b[axis] = pos[v + 1];
         s->thin = w->sink.misses && !alike && !w->finder.proves ? thin_edge(w, &line, v, axis) : 0;
+        s->narrow = !alike && differs_beside(w, &line, v);
         s->edge = w->follow ? (uint32_t)(first + v * stride) + 1 : 0;
         searched[v] = !alike;
         finder_add(&w->finder, s, worker_mark(w, first + v * stride), worker_mark(w, first + (v + 1) * stride), own);
@@ -167,7 +168,7 @@ static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uin
     if (w->follow && !w->finder.proves)
         follow_line(w->follow, axis, (uint32_t)(first / sp->stride[1 - axis]), searched);
     if (scene_outputs(y->run->s, SLT_K_REGION, SLT_OUT_NEAR_SITE)) {
-        s->thin = 0;
+        s->thin = 0, s->narrow = true;
         near_probe(w, &line, s);
     }
     finder_run(&w->finder, false);

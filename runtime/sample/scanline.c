@@ -150,11 +150,12 @@ static void scan_lines(Scan *k, Worker *w, const Box *b, uint32_t axis, uint64_t
             seg.a[axis] = pos[e], seg.b[axis] = pos[e + 1];
             seg.cls = y->run->grid.integral || y->classes < 2 ? 0 : line_class(k, b, axis, l);
             seg.thin = w->sink.misses && !w->finder.proves ? thin_edge(w, &line, e, axis) : 0;
+            seg.narrow = differs_beside(w, &line, e);
             finder_add(&w->finder, &seg, worker_mark(w, first + e), worker_mark(w, first + e + 1), own);
         }
         if (scene_outputs(s, SLT_K_REGION, SLT_OUT_NEAR_SITE) && !w->finder.finest) {
             seg.cls = y->run->grid.integral || y->classes < 2 ? 0 : line_class(k, b, axis, l);
-            seg.thin = 0;
+            seg.thin = 0, seg.narrow = true;
             near_probe(w, &line, &seg);
         }
         finder_run(&w->finder, false);

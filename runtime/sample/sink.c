@@ -469,6 +469,12 @@ static void put_kinks(Sink *k) {
     }
 }
 
+/* The sign of an edge where it is one of a band's two, whose g rise in opposite directions: what moves with the
+ * parameters as one adds up, and is not what it takes from the other. */
+static double side_of_band(const Crossing *c) {
+    return c->dg[0] + 0.61803398874989485 * c->dg[1] + 0.38196601125010515 * c->dg[2] < 0 ? -1 : 1;
+}
+
 /* By how much jumps may be others, among the kept ones: as if all erred towards one sign. */
 static void put_doubts(Sink *k, const Crossing *c, const bool *keep, uint32_t n) {
     uint32_t doubted = 0;
@@ -477,7 +483,8 @@ static void put_doubts(Sink *k, const Crossing *c, const bool *keep, uint32_t n)
         if (!keep[i] || !x->doubted || !room(k, &k->doubt, &k->doubt_cap, doubted + 1)) continue;
         Crossing *d = &k->doubt[doubted++];
         *d = *x;
-        for (uint32_t ch = 0; ch < k->b->s->channels; ch++) d->jump[ch] = copysign(x->doubt[ch], x->weight);
+        for (uint32_t ch = 0; ch < k->b->s->channels; ch++)
+            d->jump[ch] = copysign(x->doubt[ch], x->weight * (x->narrow ? side_of_band(x) : 1));
     }
     if (!doubted) return;
     uint64_t order[BATCH];

@@ -72,6 +72,11 @@ uint32_t thin_edge(const Worker *w, const Line *l, uint32_t v, uint32_t axis) {
     return 0;
 }
 
+bool differs_beside(const Worker *w, const Line *l, uint32_t v) {
+    return (v > 0 && !alike(w, l, vertex(l, v - 1), vertex(l, v))) ||
+           (v + 2 < l->n && !alike(w, l, vertex(l, v + 1), vertex(l, v + 2)));
+}
+
 /* The parabola through (0, 0), (x, g) and (x2, g2), at t. */
 static double parabola(double t, double x, double g, double x2, double g2) {
     double slope = g / x, bend = (g2 / x2 - slope) / (x2 - x);

@@ -16,6 +16,8 @@ enum { THIN_FOUND = 1 };
 /* Segment.thin of the edge from vertex v of a line to the next, whose ends differ. The line's `from` and `to` do not
  * matter; n are the vertices known. `axis` keeps runs of lines that cross at a vertex apart. */
 uint32_t thin_edge(const Worker *w, const Line *l, uint32_t v, uint32_t axis);
+/* Does the edge before the one from v, or the one behind it, have ends that differ, too? */
+bool differs_beside(const Worker *w, const Line *l, uint32_t v);
 /* Puts what the crossings collected so far stand for into the sums of what is missed, and forgets them. stride: of
  * vertices, by axis. */
 void thin_flush(Worker *w, const uint64_t stride[3]);

@@ -33,6 +33,24 @@ class Slopes(Case):
                         self.assertLess(off, limit + (4e-8 * slope if precision == "f32" else 0))
                         self.assertLess(off, 2 * bar + 1e-6)
 
+    def test_bands_that_move_as_a_whole(self):
+        """Of the derivative by a band's place all that is left is by how much f differs at its two edges: as much as f changes by on the bracket of a root."""
+        programs = {  # the width is twice {}; the truth by that
+            "line, rand": ("[Domain(0.0, 1.0)] shader float main(float x) { float u = rand(); float f = 0.0; [Disc] if (abs(x - c - 0.2 * u) < %g) f = x; return f; }", 2),
+            "plane": ("[Domain(0.0, 1.0)] shader float main(float2 x) { float f = 0.0; [Disc] if (abs(x.y - c) < %g) f = x.y; return f; }", 2),
+            "plane, rand": ("[Domain(0.0, 1.0)] shader float main(float2 x) { float u = rand(); float f = 0.0; [Disc] if (abs(x.y - c - 0.2 * u) < %g) f = x.y; return f; }", 2),
+            "volume": ("[Domain(-1.0, 1.0)] shader float main(float3 x) { float f = 0.0; [Disc] if (abs(x.z - c) < %g) f = 1.0 + x.z * x.z; return f; }", 16 * 0.37),
+        }
+        for name, (source, truth) in programs.items():
+            for width in (1e-6, 1e-5, 1e-3):
+                for precision, least in (("f64", 1e-8), ("f32", 2e-6)):
+                    with self.subTest(name, width=width, precision=precision):
+                        self.put("p.salt", "param float c = 0.37;\n" + source % width)
+                        j = self.json_cli("grad", "p.salt", "--integral", "--boundary-only", "--precision", precision, "--estimator", "lattice", "--quiet")
+                        off = abs(j["gradient"]["c"] - truth * width)
+                        self.assertLess(off, 2 * j["stderr"]["c"] + 1e-8 * truth * width)
+                        self.assertLess(off, least * (1 if precision == "f32" else truth * width))
+
     def test_jumps_that_nearly_cancel(self):
         """Two ends of a narrow slit, in which f is a slight ramp: of the derivative by its place two jumps leave a third of one, and of straight edges
         lines agree on it, however far off it is."""
