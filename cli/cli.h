@@ -244,11 +244,18 @@ void report_cells(const Cli *c, const SltStats *stats, const double *derivative)
 int report_status(const SltStats *stats);
 /* Of the compiler, and of what was sampled; stats: NULL where nothing was. */
 void report_warnings_json(FILE *out, SltProgram *p, const SltStats *stats);
-/* The same and one more, of that code; NULL: no more. */
-void report_warnings_and(FILE *out, SltProgram *p, const SltStats *stats, const char *code, const char *more);
+/* A warning that a result earns by its numbers. */
+typedef struct ReportMore {
+    bool said; /* false: there is nothing to be said */
+    const char *code;
+    char text[640];
+} ReportMore;
+/* The same, and these. */
+void report_warnings_and(FILE *out, SltProgram *p, const SltStats *stats, const ReportMore *more, size_t nmore);
+void report_more(const Cli *c, const ReportMore *more, size_t n); /* for people, on standard error */
 uint64_t report_lost(const SltStats *stats); /* crossings that were dropped; coinciding ones are integrated */
 /* Errors that are infinite beside values that are not. */
-void report_unknown(const Cli *c, const char *what, const double *value, const double *error, size_t n);
+ReportMore report_unknown(const char *what, const double *value, const double *error, size_t n);
 /* ---- sampled.c */
 void report_dropped(
     const Cli *c, const SltStats *stats); /* warnings for people: dropped crossings, truncated loops, failed asserts */

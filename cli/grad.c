@@ -58,7 +58,8 @@ static const char *stderr_kind(const SltStats *stats, bool mixed, bool replicate
 }
 
 /* What lines are thought to have missed, where that is most of the error: the component of which most is missed. */
-static bool missed_text(const SltProgram *p, const SltIntegral *r, size_t n, char *text, size_t size) {
+static ReportMore missed_warning(const SltProgram *p, const SltIntegral *r, size_t n) {
+    ReportMore more = {.code = "missed"};
     size_t worst = 0;
     double largest = 0;
     for (size_t i = 0; i < n; i++) {
@@ -66,15 +67,16 @@ static bool missed_text(const SltProgram *p, const SltIntegral *r, size_t n, cha
         if (fabs(r->missed_estimate[i]) > fabs(r->missed_estimate[worst])) worst = i;
     }
     double missed = n ? r->missed_estimate[worst] : 0;
-    if (!n || !(fabs(missed) > 0)) return false;
-    if (fabs(missed) < 0.5 * r->gradient_stderr[worst] || fabs(missed) < 1e-3 * largest) return false;
+    if (!n || !(fabs(missed) > 0)) return more;
+    if (fabs(missed) < 0.5 * r->gradient_stderr[worst] || fabs(missed) < 1e-3 * largest) return more;
     char name[256];
     report_component_name(p, (uint32_t)(worst % slt_float_count(p)), name, sizeof name);
-    snprintf(text, size,
+    snprintf(more.text, sizeof more.text,
              "lines miss what is narrower than their spacing: of %s an estimated %.3g beside the %.6g found; more "
              "--segments, or --estimator quadrature (`saltus explain missed`)",
              name, missed, r->gradient[worst]);
-    return true;
+    more.said = true;
+    return more;
 }
 
 static int grad_integral(Cli *c, SltProgram *p) {
@@ -104,8 +106,9 @@ static int grad_integral(Cli *c, SltProgram *p) {
         return cli_fail(c, &err);
     }
     double left = largest_bound(out.left_bound, n - 1);
-    char missed[640];
-    bool misses = missed_text(p, &out, n - 1, missed, sizeof missed);
+    const ReportMore more[] = {missed_warning(p, &out, n - 1), report_unknown("values", value, value_se, ch),
+                               report_unknown("derivatives", out.gradient, out.gradient_stderr, n - 1)};
+    const size_t nmore = sizeof more / sizeof *more;
     if (c->json) {
         fputs("{", stdout);
         json_list("integral", value, ch);
@@ -121,7 +124,7 @@ static int grad_integral(Cli *c, SltProgram *p) {
         report_cells_json(stdout, &stats, &left);
         report_stats_json(stdout, &stats);
         fputs(", ", stdout);
-        report_warnings_and(stdout, p, &stats, misses ? "missed" : NULL, missed);
+        report_warnings_and(stdout, p, &stats, more, nmore);
         fputs("}\n", stdout);
     } else {
         printf("%-28s", "integral");
@@ -133,9 +136,7 @@ static int grad_integral(Cli *c, SltProgram *p) {
                     (unsigned long long)stats.crossings, stats.seconds);
     }
     report_cells(c, &stats, &left);
-    if (misses && !c->quiet) cli_say(CLI_WARNING, "missed", NULL, "%s", missed);
-    report_unknown(c, "values", value, value_se, ch);
-    report_unknown(c, "derivatives", out.gradient, out.gradient_stderr, n - 1);
+    report_more(c, more, nmore);
     if (!c->quiet) cli_tell(c, p);
     report_dropped(c, &stats);
     free(all);
@@ -177,6 +178,7 @@ static int grad_loss(Cli *c, SltProgram *p) {
         return cli_fail(c, &err);
     }
     double left = image_bound(&stats);
+    const ReportMore unknown = report_unknown("derivatives", g, g + n, n - 1);
     if (c->json) {
         fputs("{\"loss\": ", stdout);
         json_number(stdout, loss);
@@ -188,14 +190,14 @@ static int grad_loss(Cli *c, SltProgram *p) {
         report_cells_json(stdout, &stats, &left);
         report_stats_json(stdout, &stats);
         fputs(", ", stdout);
-        report_warnings_json(stdout, p, &stats);
+        report_warnings_and(stdout, p, &stats, &unknown, 1);
         fputs("}\n", stdout);
     } else {
         printf("%-28s %16.9g\n", "loss", loss);
         print_table(c, p, g, g + n, 1, stats.cells);
     }
     report_cells(c, &stats, &left);
-    report_unknown(c, "derivatives", g, g + n, n - 1);
+    report_more(c, &unknown, 1);
     if (!c->quiet) cli_tell(c, p);
     report_dropped(c, &stats);
     free(g);

@@ -69,6 +69,7 @@ static int render_integral(Cli *c, SltProgram *p) {
     cli_forget_derivatives(p);
     stats.upset = 0;
     if (status != SLT_OK) return cli_fail(c, &err);
+    const ReportMore unknown = report_unknown("values", value, error, slt_channels(p));
     if (c->json) {
         fputs("{\"integral\": [", stdout);
         for (uint32_t k = 0; k < slt_channels(p); k++) fputs(k ? ", " : "", stdout), json_number(stdout, value[k]);
@@ -78,7 +79,7 @@ static int render_integral(Cli *c, SltProgram *p) {
         report_cells_json(stdout, &stats, NULL);
         report_stats_json(stdout, &stats);
         fputs(", ", stdout);
-        report_warnings_json(stdout, p, &stats);
+        report_warnings_and(stdout, p, &stats, &unknown, 1);
         fputs("}\n", stdout);
     } else {
         for (uint32_t k = 0; k < slt_channels(p); k++)
@@ -86,7 +87,7 @@ static int render_integral(Cli *c, SltProgram *p) {
         putchar('\n');
     }
     report_cells(c, &stats, NULL);
-    report_unknown(c, "values", value, error, slt_channels(p));
+    report_more(c, &unknown, 1);
     report_dropped(c, &stats);
     return report_status(&stats);
 }

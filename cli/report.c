@@ -191,13 +191,20 @@ int report_status(const SltStats *s) {
     return s->stopped != SLT_STOP_NONE ? SLT_LIMIT : SLT_OK;
 }
 
-void report_unknown(const Cli *c, const char *what, const double *value, const double *error, size_t n) {
+ReportMore report_unknown(const char *what, const double *value, const double *error, size_t n) {
+    ReportMore more = {.code = "unknown_errors"};
     size_t unknown = 0;
     for (size_t i = 0; i < n; i++) unknown += isinf(error[i]) && isfinite(value[i]);
-    if (!unknown || c->quiet) return;
-    cli_say(CLI_WARNING, "unknown_errors", NULL,
-            "the errors of %zu %s are not known: too few samples or lines, or no crossing could be integrated", unknown,
-            what);
+    more.said = unknown > 0;
+    snprintf(more.text, sizeof more.text,
+             "the errors of %zu %s are not known: too few samples or lines, or no crossing could be integrated",
+             unknown, what);
+    return more;
+}
+
+void report_more(const Cli *c, const ReportMore *more, size_t n) {
+    for (size_t i = 0; i < n && !c->quiet; i++)
+        if (more[i].said) cli_say(CLI_WARNING, more[i].code, NULL, "%s", more[i].text);
 }
 
 /* ---- names of components */

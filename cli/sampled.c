@@ -143,9 +143,9 @@ static const struct {
                {"nonfinite", report_nonfinite_text}};
 enum { SAMPLED = sizeof sampled / sizeof *sampled };
 
-void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s) { report_warnings_and(out, p, s, NULL, NULL); }
+void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s) { report_warnings_and(out, p, s, NULL, 0); }
 
-void report_warnings_and(FILE *out, SltProgram *p, const SltStats *s, const char *code, const char *more) {
+void report_warnings_and(FILE *out, SltProgram *p, const SltStats *s, const ReportMore *more, size_t nmore) {
     const char *lines = slt_diagnostics_json(p);
     bool first = true;
     fputs("\"warnings\": [", out);
@@ -165,10 +165,12 @@ void report_warnings_and(FILE *out, SltProgram *p, const SltStats *s, const char
         fputc('}', out);
         first = false;
     }
-    if (code) {
+    for (size_t i = 0; i < nmore; i++) {
+        if (!more[i].said) continue;
         if (!first) fputs(", ", out);
-        cli_put_json(out, CLI_WARNING, code, &none_at, more);
+        cli_put_json(out, CLI_WARNING, more[i].code, &none_at, more[i].text);
         fputc('}', out);
+        first = false;
     }
     fputc(']', out);
 }

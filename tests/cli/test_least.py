@@ -17,6 +17,10 @@ class Least(Case):
                 self.assertIn("are not known", r.err)
         said = self.run_cli("grad", "c.salt", "--samples", 3, "--estimator", "lattice", "--json").err.splitlines()
         self.assertIn("unknown_errors", [json.loads(line)["code"] for line in said])
+        for verb in (["grad"], ["render", "--integral"]):
+            j = self.json_cli(verb[0], "c.salt", *verb[1:], "--samples", 3, "--estimator", "lattice")
+            self.assertIn("unknown_errors", [w["code"] for w in j["warnings"]])
+            self.assertNotIn("unknown_errors", [w["code"] for w in self.json_cli(verb[0], "c.salt", *verb[1:])["warnings"]])
         for e in ("lattice", "snap-knn"):
             r = self.run_cli("grad", "c.salt", "--segments", 1, "--estimator", e)
             self.assertNotRegex(r.out, r"integral .* \+- inf")  # only lines are few
