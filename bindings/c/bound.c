@@ -81,7 +81,7 @@ static SltStatus check_results(uint32_t n, SltBound *out, SltError *err) {
 
 SltStatus slt_bound(SltProgram *p, const SltJob *job, uint32_t n, const double *lo, const double *hi, SltBound *out,
                     SltError *err) {
-    static const bool needs[K_KINDS] = {[K_BOUNDS] = true, [K_EDGE_BOUNDS] = true};
+    static const bool needs[K_KINDS] = {[K_BOUNDS] = true, [K_EDGE_BOUNDS] = true, [K_WRITTEN_BOUNDS] = true};
     SltStatus s = check_results(n, out, err);
     if (s != SLT_OK) return s;
     ApiCall c;

@@ -217,15 +217,17 @@ static CompiledModule *compile(Session *s, Request *q, const KernelRequest *req,
 
 /* Kernels on boxes of a straight-line program are as long as it is and thirty times over, but run a few chunks of that
  * at once: it is compiling them that takes time. */
-static bool is_long(const KernelSet *set, int kind) {
-    return set->chunked && (kind == K_BOUNDS || kind == K_EDGE || kind == K_EDGE_BOUNDS);
+static bool is_of_boxes(int kind) {
+    return kind == K_BOUNDS || kind == K_EDGE || kind == K_EDGE_BOUNDS || kind == K_WRITTEN_BOUNDS;
 }
+
+static bool is_long(const KernelSet *set, int kind) { return set->chunked && is_of_boxes(kind); }
 
 /* Where loops have lists, cells are asked about a node of the tree at a time, which is seven boxes or points a call. */
 static bool takes_few(const SltProgram *p, int kind) {
     bool listed = false;
     for (uint32_t i = 0; i < SLT_MAX_CULL; i++) listed |= p->list_noted[i] != 0;
-    return listed && (kind == K_BOUNDS || kind == K_EDGE || kind == K_EDGE_BOUNDS);
+    return listed && is_of_boxes(kind);
 }
 
 static void build_body(Session *s, void *arg) {

@@ -81,7 +81,8 @@ Fn *variant_site(PassCtx *ctx, const Fn *primal);                            /* 
 Fn *variant_seams(PassCtx *ctx, const Fn *primal);    /* a primal in which seams are sites too: of the three below */
 bool variant_is_flat(PassCtx *ctx, const Fn *seamed); /* does f change with the position by jumps alone? */
 Fn *variant_prune(PassCtx *ctx, const Fn *chunks);    /* F_LO F_HI; notes choices */
-Fn *variant_edge(PassCtx *ctx, const Fn *seamed);     /* G, to be differentiated in x */
+/* G, to be differentiated in x; squares: that of a length is that of its square. */
+Fn *variant_edge(PassCtx *ctx, const Fn *seamed, bool squares);
 Fn *variant_chunk_edges(PassCtx *ctx, const Fn *chunks, const SltChunks *table); /* likewise */
 Fn *variant_bounds(PassCtx *ctx, const Fn *seamed);                              /* BOX_STATE [OPEN OPEN_*] F_LO F_HI */
 Fn *variant_edge_bounds(PassCtx *ctx, const Fn *edge); /* of `edge`: G_LO G_HI DG_LO DG_HI G_STATE G_ERROR */

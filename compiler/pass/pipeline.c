@@ -128,9 +128,27 @@ static bool has_custom(const Block *b) {
     return false;
 }
 
-/* bounds, edge and edge_bounds, which know seams too. */
+/* edge and edge_bounds of what variant_edge gives, NULL where there is no edge; edge, bounds: where they go, NULL: not
+ * needed. */
+static void edge_kernels(PassCtx *ctx, const Fn *parts, Fn **edge, Fn **bounds) {
+    if (!parts || (bounds && walk_fn_size(parts) > EDGE_BOUNDS_SIZE)) return; /* its bounds are larger still */
+    bool second = parts->precision == PREC_F64 && parts->dim > 1 && walk_fn_size(parts) <= SECOND_SIZE;
+    Fn **edge_end = edge, **bounds_end = bounds;
+    for (const Fn *part = parts; part; part = part->next_part) {
+        Fn *graded = ad_grad_x(ctx, part);
+        graded->serves = part->serves;
+        if (bounds)
+            bounds_end = add_part(bounds_end, part, variant_edge_bounds(ctx, second ? ad_grad_x(ctx, graded) : graded));
+        if (edge) edge_end = add_part(edge_end, part, graded);
+    }
+    if (!bounds || !*bounds || walk_fn_size(*bounds) <= EDGE_BOUNDS_SIZE) return;
+    *bounds = NULL;
+    if (edge) *edge = NULL;
+}
+
+/* bounds, edge, edge_bounds and written_bounds, which know seams too. */
 static void box_kernels(PassCtx *ctx, const Fn *primal, const Fn *chunks, const bool needs[K_KINDS], KernelSet *out) {
-    if (!needs[K_BOUNDS] && !needs[K_EDGE] && !needs[K_EDGE_BOUNDS]) return;
+    if (!needs[K_BOUNDS] && !needs[K_EDGE] && !needs[K_EDGE_BOUNDS] && !needs[K_WRITTEN_BOUNDS]) return;
     Fn *seamed = variant_seams(ctx, primal);
     out->edges = seamed->sites, out->nedges = seamed->nsites;
     out->flat = variant_is_flat(ctx, seamed) && !has_custom(primal->body);
@@ -141,26 +159,17 @@ static void box_kernels(PassCtx *ctx, const Fn *primal, const Fn *chunks, const 
     out->chunked = chunks != NULL;
     if (!chunks) variant_waves(ctx, seamed);
     if (needs[K_BOUNDS]) out->fn[K_BOUNDS] = variant_bounds(ctx, chunks ? chunks : seamed);
-    if (!needs[K_EDGE] && !needs[K_EDGE_BOUNDS]) return;
+    Fn **edge = needs[K_EDGE] ? &out->fn[K_EDGE] : NULL;
+    Fn **edge_bounds = needs[K_EDGE_BOUNDS] ? &out->fn[K_EDGE_BOUNDS] : NULL;
     if (chunks && primal->nsites) {
-        Fn *edge = ad_grad_x(ctx, variant_chunk_edges(ctx, chunks, out->chunks));
-        if (needs[K_EDGE_BOUNDS]) out->fn[K_EDGE_BOUNDS] = variant_edge_bounds(ctx, edge);
-        if (needs[K_EDGE]) out->fn[K_EDGE] = edge;
+        Fn *whole = ad_grad_x(ctx, variant_chunk_edges(ctx, chunks, out->chunks));
+        if (edge_bounds) *edge_bounds = variant_edge_bounds(ctx, whole);
+        if (edge) *edge = whole;
         return;
     }
-    Fn **edges = &out->fn[K_EDGE], **bounds = &out->fn[K_EDGE_BOUNDS];
-    Fn *parts = variant_edge(ctx, seamed);
-    if (needs[K_EDGE_BOUNDS] && walk_fn_size(parts) > EDGE_BOUNDS_SIZE) return; /* its bounds are larger still */
-    bool second = primal->precision == PREC_F64 && primal->dim > 1 && walk_fn_size(parts) <= SECOND_SIZE;
-    for (Fn *part = parts; part; part = part->next_part) {
-        Fn *edge = ad_grad_x(ctx, part);
-        edge->serves = part->serves;
-        if (needs[K_EDGE_BOUNDS])
-            bounds = add_part(bounds, part, variant_edge_bounds(ctx, second ? ad_grad_x(ctx, edge) : edge));
-        if (needs[K_EDGE]) edges = add_part(edges, part, edge);
-    }
-    if (out->fn[K_EDGE_BOUNDS] && walk_fn_size(out->fn[K_EDGE_BOUNDS]) > EDGE_BOUNDS_SIZE)
-        out->fn[K_EDGE_BOUNDS] = out->fn[K_EDGE] = NULL;
+    if (edge || edge_bounds) edge_kernels(ctx, variant_edge(ctx, seamed, true), edge, edge_bounds);
+    if (needs[K_WRITTEN_BOUNDS] && variant_squares(ctx, ir_clone(seamed, seamed->arena, "squares")))
+        edge_kernels(ctx, variant_edge(ctx, seamed, false), NULL, &out->fn[K_WRITTEN_BOUNDS]);
 }
 
 /* Every kernel is primal -> variant -> slice -> activity -> AD -> slice; what the program has no use for is not made.
@@ -198,7 +207,7 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
 
     Fn *value = variant_value(ctx, shown);
     if (needs[K_VALUE]) out->fn[K_VALUE] = value;
-    bool boxes = needs[K_BOUNDS] || needs[K_EDGE] || needs[K_EDGE_BOUNDS];
+    bool boxes = needs[K_BOUNDS] || needs[K_EDGE] || needs[K_EDGE_BOUNDS] || needs[K_WRITTEN_BOUNDS];
     Fn *chunks = needs[K_PRUNED] || needs[K_PRUNE] || boxes ? variant_chunks(ctx, shown, &out->chunks) : NULL;
     if (chunks && needs[K_PRUNED]) out->fn[K_PRUNED] = variant_value(ctx, chunks);
     if (chunks && needs[K_PRUNE]) out->fn[K_PRUNE] = variant_prune(ctx, chunks);

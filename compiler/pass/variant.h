@@ -40,6 +40,8 @@ void variant_waves(PassCtx *ctx, Fn *seamed);
 void variant_wave_of(const Inst *site, const Inst **u, const Inst **angle, const Inst **phase);
 /* The least and the greatest of the levels that lie on [lo, hi]. */
 void variant_wave_levels(Builder *b, Inst *lo, Inst *hi, Inst *angle, Inst *phase, Inst **first, Inst **last);
+/* variant_squares.c: in a seamed Fn in f64 g of a length becomes that of its square. Did any? */
+bool variant_squares(PassCtx *ctx, Fn *seamed);
 /* Outputs of a variant, as they are collected to replace those of the top block. */
 typedef struct Outputs {
     Inst *value[SLT_OUT_MAX];

@@ -349,8 +349,9 @@ Fn *variant_chunk_edges(PassCtx *ctx, const Fn *chunks, const SltChunks *table) 
     return fn;
 }
 
-Fn *variant_edge(PassCtx *ctx, const Fn *seamed) {
+Fn *variant_edge(PassCtx *ctx, const Fn *seamed, bool squares) {
     Fn *taking = ir_clone(seamed, seamed->arena, "edge.from");
     variant_take_given(taking);
+    if (squares) variant_squares(ctx, taking);
     return cut(ctx, taking, true);
 }

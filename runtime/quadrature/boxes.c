@@ -1,5 +1,5 @@
-/* Bounds of given boxes. A tile is TILE boxes: one call of `bounds`, then calls of `edge_bounds`, one for each edge
- * that is open in any of them. */
+/* Bounds of given boxes. A tile is TILE boxes: one call of `bounds`, then calls of `edge_bounds`, or of
+ * `written_bounds`, one for each edge that is open in any of them. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -15,7 +15,7 @@ typedef struct BoxWorker {
     BoxFacts facts[TILE];
     struct {
         uint32_t box, event;
-    } asked[TILE * SLT_MAX_OPEN]; /* the lanes of a call of `edge_bounds` */
+    } asked[TILE * SLT_MAX_OPEN]; /* the lanes of a call of either */
 } BoxWorker;
 
 typedef struct Boxes {
@@ -25,6 +25,7 @@ typedef struct Boxes {
     BoxTake *take;
     void *user;
     BoxWorker *worker;
+    SltKernelKind of_edge; /* which tells of g */
     SltStats stats;
 } Boxes;
 
@@ -88,7 +89,7 @@ static void ask_edge(const Boxes *q, BoxWorker *w, uint64_t first, uint32_t n, i
             w->asked[lanes].box = i, w->asked[lanes++].event = e;
         }
     b->args.site = edge;
-    batch_call(b, SLT_K_EDGE_BOUNDS, lanes);
+    batch_call(b, q->of_edge, lanes);
     for (uint32_t i = 0; i < lanes; i++) {
         BoxEvent *event = &w->facts[w->asked[i].box].event[w->asked[i].event];
         read_ends(b, SLT_OUT_G_LO, SLT_OUT_G_HI, 0, i, event->g);
@@ -121,7 +122,7 @@ static bool box_work(void *user, uint32_t worker, uint64_t tile) {
         batch_call(b, SLT_K_BOUNDS, n);
         for (uint32_t i = 0; i < n; i++) read_box(q->s, b, i, &w->facts[i]);
     }
-    if (q->s->kernel[SLT_K_EDGE_BOUNDS])
+    if (q->s->kernel[q->of_edge])
         for (int32_t edge = -1; (edge = next_edge(w, n, edge)) >= 0;) ask_edge(q, w, first, n, edge);
     for (uint32_t i = 0; i < n; i++) q->take(q->user, first + i, &w->facts[i]);
     return true;
@@ -136,6 +137,7 @@ static void box_merge(void *user, uint32_t worker, uint64_t tile) {
 SltStatus slt_estimate_boxes(const SltScene *s, const SltJob *j, uint64_t n, const double *lo, const double *hi,
                              BoxTake *take, void *user, SltStats *stats, SltError *err) {
     Boxes q = {.s = s, .n = n, .lo = lo, .hi = hi, .take = take, .user = user};
+    q.of_edge = s->kernel[SLT_K_WRITTEN_BOUNDS] ? SLT_K_WRITTEN_BOUNDS : SLT_K_EDGE_BOUNDS;
     uint64_t tiles = n / TILE + (n % TILE != 0);
     uint32_t threads = pool_threads(j->threads, tiles);
     double start = pool_now();

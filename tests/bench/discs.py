@@ -3,6 +3,9 @@
 
     tests/bench/discs.py build/bin/saltus N SMALLEST LARGEST [options of grad]
     tests/bench/discs.py build/bin/saltus 2000 .01 .04 --error 1e-6
+    tests/bench/discs.py build/bin/saltus 2000 .01 .04 length --error 1e-6
+
+With `length` the discs are written length(d) < r, else dot(d, d) < r*r.
 
 Prints evaluations, the seconds that the command gives (compiling apart), the largest memory, what it says of its error, and the relative L2 distance from the exact derivatives, arc by arc, which Green's
 theorem gives; the areas of all discs and of the paper must add up to 1 for them."""
@@ -23,11 +26,12 @@ shader float3 main(float2 x) {
     float3 c = float3(0.95, 0.92, 0.85);
     for (int i = 0; i < N; i++) {
         float2 d = x - disc[i].xy;
-        [Disc] if (dot(d, d) < disc[i].z * disc[i].z) c = ink[i];
+        [Disc] if (%s) c = ink[i];
     }
     return c;
 }
 """
+INSIDE = ("dot(d, d) < disc[i].z * disc[i].z", "length(d) < disc[i].z")
 PAPER = (0.95, 0.92, 0.85)
 TURN = 2 * math.pi
 
@@ -119,11 +123,13 @@ def scene(n, least, most):
 
 
 def main(saltus, n, least, most, *options):
+    length = "length" in options
+    options = [o for o in options if o != "length"]
     disc, ink = scene(int(n), float(least), float(most))
     with tempfile.TemporaryDirectory() as folder:
         shader, values = os.path.join(folder, "discs.salt"), os.path.join(folder, "discs.json")
         with open(shader, "w") as f:
-            f.write(SHADER % len(disc))
+            f.write(SHADER % (len(disc), INSIDE[length]))
         with open(values, "w") as f:
             json.dump({"disc": disc, "ink": ink}, f)
         line = [saltus, "grad", shader, "--params", values, "--integral", "--precision", "f64", "--estimator", "quadrature", "--json", *options]

@@ -43,6 +43,22 @@ class Bound(Case):
                 self.assertEqual(text.startswith("settled"), j["settled"])
                 self.assertEqual(text.count("open: ") + text.count("seam: "), len(j["open"]))
 
+    def test_g_is_the_one_that_is_written(self):
+        """Of a length too, whose square cells ask in f64."""
+        for precision, written in itertools.product(("f32", "f64"), ("length(x) < r", "1.0 - length(x) / r > 0.0")):
+            self.put("s.salt", "param float r = 0.5; [Domain(-1.0, 1.0)] shader float main(float2 x) { float f = 0.0; [Disc] if (%s) f = 1.0; return f; }" % written)
+            g = [self.json_cli("bound", "s.salt", "--precision", precision, "--box", box)["open"][0] for box in ("0.3,0.4;0.3,0.5",)][0]
+            near, far = math.hypot(0.3, 0.3), math.hypot(0.4, 0.5)
+            lo, hi = (near - 0.5, far - 0.5) if "<" in written else (1 - far / 0.5, 1 - near / 0.5)
+            for end, want in zip(g["g"], (lo, hi)):
+                self.assertAlmostEqual(end, want, 5)
+            slopes = [0.3 / math.hypot(0.3, 0.5), 0.4 / math.hypot(0.4, 0.3)]
+            if "<" not in written:
+                slopes = [-2 * v for v in reversed(slopes)]
+            self.assertLessEqual(g["dg"][0][0], slopes[0] + 1e-6)
+            self.assertGreaterEqual(g["dg"][0][1], slopes[1] - 1e-6)
+            self.assertLess(g["dg"][0][1] - g["dg"][0][0], 1.5)
+
     def test_textures_stay_between_the_texels_they_reach(self):
         rnd = random.Random(5)
         for kind, sides, channels in (("texture2D", (70, 9), 3), ("texture3D", (6, 5, 7), 1), ("texture3D", (4, 5, 3), 4)):
