@@ -240,9 +240,25 @@ static double chandrupatla(const Item *it, double width) {
     return search_clamp(isfinite(t) ? t : 0.5, least, 1 - least);
 }
 
+/* By how much, of itself, the slope of g may change between x1 and the root: more than this is asked for a root that is
+ * nearer, as the slope is what the crossing weighs. Not of a g that jumps, whose root is anywhere in the bracket. */
+#define SLOPE_KEEPS 0x1p-26
+#define SMOOTH 0.5
+
+static bool slope_changes(const Item *it) {
+    double width = it->x2 - it->x1, far = it->x3 - it->x2, slope = (it->f2 - it->f1) / width;
+    if (it->x3 == it->x1 || far == 0) return false;
+    double bend = fabs((it->f3 - it->f2) / far - slope), change = bend / fabs(it->x3 - it->x1) * fabs(it->f1 / slope);
+    return bend < SMOOTH * fabs(slope) && change > SLOPE_KEEPS * fabs(slope); /* NaN is not */
+}
+
 /* Prepares the next evaluation; false when the bracket is small enough. */
 static bool root_step(Item *it) {
     double width = fabs(it->x2 - it->x1);
+    if (it->least > 0 && width <= it->tol && width > it->least && !it->exact && slope_changes(it)) {
+        it->tol = it->least, it->least = 0;
+        it->left = (uint32_t)ceil(log2(width / it->tol)) + 2;
+    }
     if (it->exact || width <= it->tol || !it->left) return false;
     double t = chandrupatla(it, width);
     it->next = it->x1 + t * (it->x2 - it->x1);
@@ -530,6 +546,7 @@ static void run_stack(Finder *f, bool all) {
         for (uint32_t i = 0; i < n; i++) {
             items[i].s = f->stack[f->n - n + i];
             items[i].tol = tolerance(f, &items[i].s);
+            items[i].least = f->s->f64 ? fmin(items[i].tol, search_least(f, &items[i].s)) : 0;
             items[i].pad = 0;
         }
         f->n -= n;

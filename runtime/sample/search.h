@@ -16,6 +16,7 @@ typedef struct Item {
     Segment s;
     Event event;
     double tol, pad;   /* wanted length of the bracket; what a bracket of rays is widened by on both sides, else 0 */
+    double least;      /* wanted of one whose g bends much, in f64; 0: no other */
     double ga, gb;     /* g at ta and tb */
     double x1, x2, x3; /* x1 is the newest point, [x1, x2] (or [x2, x1]) the bracket, x3 the point before */
     double f1, f2, f3; /* g at these */

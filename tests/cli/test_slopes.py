@@ -33,6 +33,20 @@ class Slopes(Case):
                         self.assertLess(off, limit + (4e-8 * slope if precision == "f32" else 0))
                         self.assertLess(off, 2 * bar + 1e-6)
 
+    def test_roots_where_g_bends(self):
+        """The slope of g is what a crossing weighs: beside a pole it changes within what is known of a root, of all lines alike, and no bar holds that."""
+        programs = {  # a decision of x, its level, and the truth: twice dx/dc
+            "tan": ("tan(1.5707 * x.x) < c", (1e3, 1e4), lambda c: 2 / 1.5707 / (1 + c * c)),
+            "pole": ("1.0 / (1.0 + 1e-7 - x.x) < c", (1e3, 1e5), lambda c: 2 / (c * c)),
+            "root": ("sqrt(x.x + 1.0) < c", (1e-1, 1e-2), lambda c: 4 * c),
+        }
+        for name, (decision, levels, truth) in programs.items():
+            for level in levels:
+                with self.subTest(name, level=level):
+                    self.put("p.salt", "param float c = %r;\n[Domain(-1.0, 1.0)] shader float main(float2 x) { float f = 0.0; [Disc] if (%s) f = 1.0; return f; }" % (level, decision))
+                    j = self.json_cli("grad", "p.salt", "--integral", "--precision", "f64", "--estimator", "lattice", "--quiet")
+                    self.assertLess(abs(j["gradient"]["c"] / truth(level) - 1), 2 * j["stderr"]["c"] / truth(level) + 1e-9)
+
     def test_bands_that_move_as_a_whole(self):
         """Of the derivative by a band's place all that is left is by how much f differs at its two edges: as much as f changes by on the bracket of a root."""
         programs = {  # the width is twice {}; the truth by that

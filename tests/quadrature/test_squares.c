@@ -1,5 +1,5 @@
-/* A length compared with what does not change with the position (variant_squares.c): the same numbers as its square beside
- * a square, and in f64 for as many evaluations, however it is written. */
+/* A length compared with what does not change with the position (variant_squares.c): the same numbers as its square
+ * beside a square, and in f64 for as many evaluations, however it is written. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
