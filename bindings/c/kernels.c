@@ -69,6 +69,15 @@ typedef struct Request {
     SltError *err;
 } Request;
 
+static bool has_detached(const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_detach) return true;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (has_detached(i->region[r])) return true;
+    }
+    return false;
+}
+
 static void fill_scene(SltProgram *p) {
     SltScene *s = &p->scene;
     Program *g = p->prog;
@@ -87,7 +96,7 @@ static void fill_scene(SltProgram *p) {
     s->edge_argmin = p->edge_argmin;
     s->still = !p->passes.untracked;
     s->follow = p->opt.near_miss < 0 ? 1 : p->opt.near_miss > 0 ? 2 : 0;
-    s->uses_rand = g->uses_rand;
+    s->uses_rand = g->uses_rand, s->detached = g->uses_rand && has_detached(g->primal->body);
     s->geometries = p->geometries, s->ngeometries = g->ngeometries, s->geometry_base = p->geometry_base;
     s->print = p->print, s->print_user = p->print_user;
     s->ncull = g->ncull;

@@ -15,7 +15,8 @@ typedef enum RngPurpose {
     RNG_SEGMENT,  /* position and direction of a random segment */
     RNG_COINCIDE, /* where the parameters are moved to tell coinciding boundaries apart */
     RNG_POINT,    /* stream of a given point, and number 0 of that stream */
-    RNG_VIEW      /* choice of a view in a step of a fit */
+    RNG_VIEW,     /* choice of a view in a step of a fit */
+    RNG_CHANCE    /* points at which the parameters are moved, and their streams */
 } RngPurpose;
 
 /* Four words for draw `counter` of `purpose`; `lane` tells independent repetitions (halves, replicates, axes) apart. */

@@ -66,3 +66,8 @@ void bars_add_denormals(const double *gradient, uint32_t nfloats, double crossin
         if (typical < (double)FLT_MIN) error[p] += 0x1p-150 * crossings;
     }
 }
+
+void bars_add_counts(const double *boundary, uint64_t size, double crossings, uint32_t replicates, double *error) {
+    for (uint64_t i = 0; i < size && crossings > 0; i++)
+        error[i] = hypot(error[i], 0.5 * fabs(boundary[i]) * sqrt(replicates) / crossings);
+}

@@ -30,4 +30,9 @@ void bars_add_missed(const Replicates *k, double *error);
  * derivatives [nfloats] of one channel, with so many crossings a replicate, each of about so much for a speed of 1. */
 void bars_add_denormals(const double *gradient, uint32_t nfloats, double crossings, double weight, double *error);
 
+/* Where random numbers decide: each of so many crossings, of all replicates, is met or not, and replicates that have
+ * met equally many agree by chance. Half a crossing a replicate is the least of their error, for boundary terms [size].
+ */
+void bars_add_counts(const double *boundary, uint64_t size, double crossings, uint32_t replicates, double *error);
+
 #endif

@@ -8,6 +8,7 @@
 #include "runtime/sample/alloc.h"
 #include "runtime/sample/bars.h"
 #include "runtime/sample/boundary.h"
+#include "runtime/sample/chance.h"
 #include "runtime/sample/depth.h"
 #include "runtime/sample/interior.h"
 #include "runtime/sample/onesided.h"
@@ -154,14 +155,17 @@ static float *noise_of(const float *const adjoint[2], uint64_t n) {
     return noise;
 }
 
+enum { OF_POINTS = 8 /* samples for each point of chance.c, which is asked four times */ };
+
 /* least: what an adjoint is off at least for a jump of 1, or NULL. */
 static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const adjoint[2], const float *least,
                          double *gradient, double *stderr_bound, SltStats *stats, SltError *err) {
     bool halves = adjoint[0] != adjoint[1];
     Run r;
     uint32_t classes = stderr_bound ? COSETS : 1;
-    double *part[COSETS] = {0}, *missed = NULL;
+    double *part[COSETS] = {0}, *missed = NULL, *smooth = NULL; /* smooth: without the boundary term */
     float *mean = NULL, *noise = NULL;
+    uint8_t *starved = NULL;
     Boundary of = {0};
     Parts tiles = {0}, *parts = NULL;
     SltStatus st = run_begin(&r, s, j, err);
@@ -180,6 +184,8 @@ static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const 
     if (classes > 1 && (halves || s->uses_rand) && s->nfloats <= PARTS_EVER)
         memory &= parts_init(&tiles, s->nfloats, s->nfloats > PARTS_MOST), parts = &tiles;
     if (parts && halves && !j->no_boundary) memory &= (noise = noise_of(adjoint, size)) != NULL;
+    if (classes > 1 && s->uses_rand)
+        memory &= (smooth = alloc_zero(s->nfloats, sizeof *smooth)) && (starved = alloc_zero(s->nfloats, 1));
     memset(gradient, 0, s->nfloats * sizeof *gradient);
     if (stderr_bound) memset(stderr_bound, 0, s->nfloats * sizeof *stderr_bound);
     if (!memory) st = status_fail(err, SLT_LIMIT, "out of memory");
@@ -193,6 +199,7 @@ static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const 
         if (st == SLT_OK && parts && parts->whole) parts_settle(parts, &parts_of, targets);
     }
     if (st == SLT_OK && classes > 1) combine(part, classes, gradient, parts ? NULL : stderr_bound, s->nfloats);
+    if (smooth) memcpy(smooth, gradient, s->nfloats * sizeof *smooth);
     r.stats.seconds_interior = pool_now() - t, t = pool_now();
     r.pool.from = split, r.pool.to = 1;
     if (st == SLT_OK && !j->no_boundary) {
@@ -215,16 +222,27 @@ static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const 
                       .targets = targets};
         st = boundary_run(&y, SINK_REVERSE);
         if (st == SLT_OK && parts && parts->whole) parts_settle(parts, &y.parts_of, targets);
+        for (uint32_t c = 0; c < own && starved; c++)
+            for (uint32_t p = 0; p < s->nfloats; p++) starved[p] |= part[c][p] == 0;
         if (st == SLT_OK && classes > 1) combine(part, own, gradient, apart ? NULL : stderr_bound, s->nfloats);
         of = y, of.classes = classes, of.parts = NULL, of.noise[0] = NULL;
     }
     for (uint32_t p = 0; p < s->nfloats && stderr_bound && missed; p++)
         stderr_bound[p] = sqrt(stderr_bound[p] + (parts && memory ? parts_variance(parts, p) : 0)) + fabs(missed[p]);
     if (st == SLT_OK && !j->no_boundary) st = lost_add(&r, &of, 1, NULL, stderr_bound);
+    if (st == SLT_OK && !j->no_boundary && smooth) {
+        Chance c = {.adjoint = of.adjoint,
+                    .interior = smooth,
+                    .gradient = gradient,
+                    .error = stderr_bound,
+                    .starved = starved,
+                    .points = r.grid.pixels * (j->spp ? j->spp : 1) / OF_POINTS};
+        st = chance_add(&r, &c);
+    }
     r.stats.seconds_boundary = pool_now() - t;
     mask_inactive(s, gradient), mask_inactive(s, stderr_bound);
     for (uint32_t c = 0; c < classes && classes > 1; c++) free(part[c]);
-    free(mean), free(noise), free(missed), parts_free(&tiles);
+    free(mean), free(noise), free(missed), free(smooth), free(starved), parts_free(&tiles);
     run_forget_few(&r);
     run_end(&r, stats);
     return st;
@@ -333,6 +351,31 @@ static void least_of_value(const Run *r, double *value_stderr) {
             fmax(value_stderr[c], r->kept.by[c] / (double)r->kept.n * volume / fmax(1, (double)r->j->samples));
 }
 
+/* Of an integral. Lines starve where a replicate has met nothing. */
+static SltStatus ask_chance(Run *r, const Replicates *k, SltIntegral *out) {
+    if (!r->s->uses_rand || !out->gradient || !out->gradient_stderr || k->n < 2) return SLT_OK;
+    uint8_t *starved = alloc_zero(k->size + 1, 1);
+    double *smooth = alloc_zero(k->size + 1, sizeof *smooth),
+           *mean = out->boundary ? NULL : alloc_zero(k->size + 1, sizeof *mean);
+    if (!starved || !smooth || (!out->boundary && !mean)) {
+        free(starved), free(smooth), free(mean);
+        return status_fail(r->err, SLT_LIMIT, "out of memory");
+    }
+    bars_of_rows(k->interior, NULL, k->n, k->size, NULL, smooth);
+    if (mean) bars_of_rows(k->boundary, NULL, k->n, k->size, mean, NULL);
+    bars_add_counts(mean ? mean : out->boundary, k->size, (double)r->kept.n, k->n, out->gradient_stderr);
+    for (uint64_t row = 0; row < k->n * k->size; row++) starved[row % k->size] |= k->boundary[row] == 0;
+    Chance c = {.boundary = mean ? mean : out->boundary,
+                .gradient = out->gradient,
+                .error = out->gradient_stderr,
+                .smooth = smooth,
+                .starved = starved,
+                .points = r->j->samples / OF_POINTS};
+    SltStatus st = chance_add(r, &c);
+    free(starved), free(smooth), free(mean);
+    return st;
+}
+
 /* Lines and samples, as many as the job says. */
 static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err) {
     Run r;
@@ -417,6 +460,7 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
             bool asks = missed.told && missed.gradient && out->gradient_stderr;
             if (asks) st = finer_missed(&r, &of, k.n, &missed.number);
             if (st == SLT_OK) st = lost_add(&r, &of, k.n, missed.number > 0 ? &missed : NULL, out->gradient_stderr);
+            if (st == SLT_OK) st = ask_chance(&r, &k, out);
         }
         if (!s->f64 && r.kept.n && out->gradient_stderr && out->gradient)
             least_of_weights(&r, segments_of(j) / k.n, k.n, out);
