@@ -69,6 +69,7 @@ static bool take_own_slopes(Cells *c, const Column *from, const Column *to) {
 #define APART 0.25 /* and of that again where two cells look for one place: they meet much the same roundings */
 #define SHORT 0x1p-11 /* of a piece: where curves meet rounding is told of those that it may change by more */
 #define MUCH 0x1p-5 /* likewise: and it is none of many that may cancel */
+#define WHOLE 0x1p-11 /* likewise: where curves meet so flatly the bound is met, as all that is there is rounded alike */
 #define BENT 4.0 /* more than slopes may vary in a cell, in parts: then bounds of them are loose */
 
 /* How far from the root the curve may lie: by what g rounds, and by what is left of it where places end. */
@@ -97,7 +98,8 @@ static double end_error(const Cells *c, const Piece *p, uint32_t edge, const Col
 static double meeting_error(const Cells *c, const Piece *p, int end) {
     double length = p->at[p->base][1] - p->at[p->base][0];
     double unit = (c->b->f64 ? 0x1p-52 : 0x1p-23) * fabs(p->at[p->base][end]);
-    return smaller((p->meet[end] ? USUAL * p->spread[end] : 0) + unit, 0.5 * length); /* NaN is not */
+    double spread = p->meet[end] ? p->spread[end] : 0;
+    return smaller((spread > WHOLE * length ? 1 : USUAL) * spread + unit, 0.5 * length); /* NaN is not */
 }
 
 static const Root *root_of(const Cells *c, const Column *k, uint32_t edge) {

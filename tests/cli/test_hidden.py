@@ -27,6 +27,7 @@ class Hidden(Case):
         """A few floats wide: bounds of rounding are taken at the roots, what moves of parameters do not tell is looked for between
         them, and where curves meet at a flat angle, or a piece is as short, the bars say how far rounding may go."""
         self.count((5, 8, 14, 23, 28, 32, 50, 59, 95, 104, 140), "--precision", "f32", "--estimator", "quadrature")
+        self.count((13, 166), "--precision", "f32", "--estimator", "quadrature", series=5)
         self.count((87, 149, 229), "--precision", "f32", series=1)
 
     def test_beside_a_centre(self):
