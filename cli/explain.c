@@ -96,8 +96,11 @@ static void print_structures(const Explained *m) {
         const ExplainedGeometry *i = &m->geometries[f];
         if (!i->description) continue;
         built++;
-        printf("  %s, %u x %u numbers: %s\n    %zu bytes, %.2f a number; asked: ", i->name, i->width, i->height,
-               i->description, i->bytes, (double)i->bytes / i->width / i->height);
+        double numbers = i->triangles ? i->triangles : (double)i->width * i->height;
+        if (i->triangles) printf("  %s, %u vertices, %u triangles: ", i->name, i->vertices, i->triangles);
+        else printf("  %s, %u x %u numbers: ", i->name, i->width, i->height);
+        printf("%s\n    %zu bytes, %.2f a %s; asked: ", i->description, i->bytes, (double)i->bytes / numbers,
+               i->triangles ? "triangle" : "number");
         list_queries(i->queries, false);
         putchar('\n');
         for (int k = 0; k < K_KINDS; k++) {
@@ -214,8 +217,9 @@ static void json_geometries(const Explained *m) {
         if (!i->description) continue;
         printf("%s{\"name\": ", first ? "" : ", ");
         json_text(stdout, i->name);
-        printf(", \"width\": %u, \"height\": %u, \"structure\": \"%s\", \"description\": ", i->width, i->height,
-               i->structure);
+        if (i->triangles) printf(", \"vertices\": %u, \"triangles\": %u", i->vertices, i->triangles);
+        else printf(", \"width\": %u, \"height\": %u", i->width, i->height);
+        printf(", \"structure\": \"%s\", \"description\": ", i->structure);
         json_text(stdout, i->description);
         printf(", \"bytes\": %zu, \"queries\": [", i->bytes);
         list_queries(i->queries, true);

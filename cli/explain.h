@@ -28,7 +28,8 @@ typedef struct ExplainedLack {
 
 typedef struct ExplainedGeometry {
     const char *name, *structure, *description; /* description NULL: nothing was built */
-    uint32_t width, height;
+    uint32_t width, height;                     /* of a grid */
+    uint32_t vertices, triangles;               /* of a mesh */
     size_t bytes;
     uint32_t queries, by_kernel[K_KINDS]; /* bit (1 << SltQuery): asked by any kernel, by kernels of a kind */
     uint32_t not_asked;                   /* bit (1 << SltQuery): it would answer, but no kernel asks */

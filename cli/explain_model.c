@@ -160,7 +160,9 @@ static void explain_geometries(const Inside *e, Explained *out) {
         const GeometryInfo *info = &g->geometries[i];
         ExplainedGeometry *geometry = &out->geometries[i];
         *geometry = (ExplainedGeometry){.name = g->params[info->param].name,
-                                        .structure = structures[p->opt.field],
+                                        .structure = info->nfaces ? "tree" : structures[p->opt.field],
+                                        .vertices = info->nfaces ? info->count / 3 : 0,
+                                        .triangles = info->nfaces,
                                         .width = info->size[0],
                                         .height = info->size[1],
                                         .queries = geometry_queries(p, i)};

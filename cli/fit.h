@@ -118,6 +118,7 @@ int fit_collect_views(Fit *f);
 bool fit_wants_folder(const Cli *c);
 SltStatus fit_check_folder(const Fit *f, SltError *err); /* before the fit, and not after hours */
 int fit_write_outputs(Fit *f);
+SltStatus fit_write_meshes(Fit *f, SltError *err); /* NAME.obj of every mesh that was optimised, into the folder */
 SltStatus fit_join(char *out, size_t size, const char *dir, const char *name, SltError *err); /* dir/name */
 
 /* fit_pictures.c: pictures of the views, of a folder only; the best of each also for what changes parameters. */

@@ -124,6 +124,7 @@ static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
     SltStatus s = write_text(f->c->output, "fitted.json", json, strlen(json), err);
     if (s == SLT_OK) s = write_losses(f, err);
     if (s == SLT_OK) s = write_grids(f, err);
+    if (s == SLT_OK) s = fit_write_meshes(f, err);
     return s == SLT_OK && !f->c->minimize ? fit_write_pictures(f, err) : s;
 }
 
@@ -140,8 +141,10 @@ SltStatus fit_check_folder(const Fit *f, SltError *err) {
     for (uint32_t k = 0; k < n; k++) {
         SltParam q = SLT_PARAM_INIT;
         if (k >= 2 * params) snprintf(name, sizeof name, "%s", usual[k - 2 * params]);
-        else slt_param(f->p, k / 2, &q), snprintf(name, sizeof name, "%.500s.%s", q.name, k & 1 ? "png" : "exr");
-        if (k < 2 * params && !q.is_texture && !q.is_heightfield) continue;
+        else slt_param(f->p, k / 2, &q);
+        bool mesh = k < 2 * params && !(k & 1) && slt_mesh(f->p, k / 2, NULL, NULL);
+        if (k < 2 * params) snprintf(name, sizeof name, "%.500s.%s", q.name, mesh ? "obj" : k & 1 ? "png" : "exr");
+        if (k < 2 * params && !q.is_texture && !q.is_heightfield && !mesh) continue;
         if ((s = fit_join(path, sizeof path, dir, name, err)) != SLT_OK) return s;
         if (access(path, F_OK) == 0)
             return status_fail(err, SLT_OUTPUT,

@@ -74,6 +74,9 @@ static SltStatus make(SltProgram *p, uint32_t g, SltError *err) {
     GeometryState *s = &p->geometry_state[g];
     GeometrySource from = {.kind = info->kind,
                            .size = {info->size[0], info->size[1]},
+                           .nvertices = info->count / 3,
+                           .nfaces = info->nfaces,
+                           .faces = p->ints + info->tbase,
                            .f64 = p->opt.f64,
                            .queries = s->wanted,
                            .band = (float)info->band,

@@ -21,7 +21,7 @@ void api_params_changed(SltProgram *p, uint32_t base, uint32_t count) {
 }
 
 uint32_t slt_float_count(const SltProgram *p) { return p->prog ? p->prog->nfloats : 0; }
-uint32_t slt_int_count(const SltProgram *p) { return p->prog ? p->prog->nints : 0; }
+uint32_t slt_int_count(const SltProgram *p) { return p->prog ? p->prog->nints - p->prog->ntopology : 0; }
 const double *slt_floats(const SltProgram *p) { return p->floats; }
 const int32_t *slt_ints(const SltProgram *p) { return p->ints; }
 uint32_t slt_param_count(const SltProgram *p) { return p->prog ? p->prog->nparams : 0; }
@@ -30,7 +30,9 @@ const uint8_t *slt_wrt_mask(const SltProgram *p) { return p->wrt; }
 static void describe(const Param *q, SltParam *out) {
     *out = (SltParam){.struct_size = sizeof *out,
                       .name = q->name,
-                      .type = q->type ? q->type->name : "",
+                      .type = q->is_mesh ? q->sym->type->name
+                              : q->type  ? q->type->name
+                                         : "",
                       .fbase = q->fbase,
                       .fcount = q->fcount,
                       .ibase = q->ibase,
@@ -53,6 +55,14 @@ static void describe(const Param *q, SltParam *out) {
                       .tex_c = q->tex_c,
                       .tex_d = q->tex_d};
     shape_describe(q, q->type, out);
+}
+
+const int32_t *slt_mesh(const SltProgram *p, uint32_t index, uint32_t *nfaces, bool *has_uv) {
+    if (index >= slt_param_count(p) || !p->prog->params[index].is_mesh) return NULL;
+    const Param *q = &p->prog->params[index];
+    if (nfaces) *nfaces = q->sym->nfaces;
+    if (has_uv) *has_uv = q->sym->has_uv;
+    return p->ints + q->tbase;
 }
 
 bool slt_param(const SltProgram *p, uint32_t index, SltParam *out) {
@@ -146,9 +156,9 @@ SltStatus slt_set_floats(SltProgram *p, uint32_t base, uint32_t count, const dou
 SltStatus slt_set_ints(SltProgram *p, uint32_t base, uint32_t count, const int32_t *values, SltError *err) {
     SltStatus status = api_enter_to_set(p, err);
     if (status != SLT_OK) return status;
-    if (count > p->prog->nints || base > p->prog->nints - count)
-        status = status_fail(err, SLT_USAGE, "integers %u..%u are outside the program's %u", base, base + count,
-                             p->prog->nints);
+    const uint32_t n = p->prog->nints - p->prog->ntopology;
+    if (count > n || base > n - count)
+        status = status_fail(err, SLT_USAGE, "integers %u..%u are outside the program's %u", base, base + count, n);
     else if (count) memmove(p->ints + base, values, count * sizeof *values);
     api_release(p);
     return status;

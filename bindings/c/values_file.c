@@ -202,6 +202,8 @@ bool api_probe_asset(void *user, const char *path, const Symbol *of, uint32_t di
                      const char **why) {
     SltProgram *p = user;
     SltError err = {0};
+    if (type_is_mesh(of->type))
+        return values_probe_geometry(path, dims, ndims, &err) == SLT_OK || cannot_probe(p, &err, why);
     bool geometry = of->type->kind == T_GEOMETRY, texels = type_is_resource(of->type);
     if (ends_with(path, ".json")) return probe_json(p, path, of, dims, ndims, why);
     if (texels) {

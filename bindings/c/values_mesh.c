@@ -1,10 +1,12 @@
 /* Arrays from meshes: "spot.obj" gives positions to an array of floats and faces to one of integers, "spot.obj:normals"
- * and the like what is named. */
+ * and the like what is named. And meshes that are geometries: vertices that lie at one place are one there, and what is
+ * between them never changes. */
 #include <stdlib.h>
 #include <string.h>
 
 #include "bindings/c/values_read.h"
 #include "runtime/mesh/mesh.h"
+#include "saltus/mesh.h"
 
 typedef enum MeshPart {
     MESH_POSITIONS,
@@ -85,10 +87,81 @@ static SltStatus read_part(const char *path, const Type *t, double **out, size_t
     return status;
 }
 
+/* ---- geometries */
+
+static SltStatus read_welded(const char *path, Mesh *m, uint32_t **vertex_part, SltError *err) {
+    *vertex_part = NULL;
+    *m = (Mesh){0};
+    if (!mesh_is_file(path))
+        return status_fail(err, SLT_INPUT, "'%s' is no mesh: the value of a mesh is a file of .obj or .ply", path);
+    SltStatus status = mesh_read(path, m, err);
+    if (status != SLT_OK) return status;
+    *vertex_part = calloc(m->nvertices + 1u, sizeof **vertex_part);
+    if (!*vertex_part || !mesh_weld(m, *vertex_part)) status = status_fail(err, SLT_LIMIT, "%s: out of memory", path);
+    else if (!m->nfaces) status = status_fail(err, SLT_INPUT, "there are no faces in %s", path);
+    if (status == SLT_OK) return SLT_OK;
+    free(*vertex_part), mesh_free(m);
+    return status;
+}
+
+SltStatus values_probe_geometry(const char *path, uint32_t dims[4], uint32_t *ndims, SltError *err) {
+    Mesh m;
+    uint32_t *part;
+    SltStatus status = read_welded(path, &m, &part, err);
+    if (status != SLT_OK) return status;
+    dims[0] = m.nvertices, dims[1] = m.nfaces, dims[2] = m.face_uv != NULL, *ndims = 3;
+    free(part), mesh_free(&m);
+    return SLT_OK;
+}
+
+/* As saltus/mesh.h has it. */
+static void topology_of(const Mesh *m, int32_t *to) {
+    for (size_t k = 0; k < 3 * (size_t)m->nfaces; k++) *to++ = (int32_t)m->face[k];
+    for (size_t k = 0; k < m->nfaces; k++) *to++ = (int32_t)m->part[k];
+    for (size_t k = 0; m->face_uv && k < 6 * (size_t)m->nfaces; k++) {
+        uint32_t at = m->face_uv[k / 2];
+        double v = at != MESH_NONE ? m->uv[2 * (size_t)at + k % 2] : 0;
+        float high = (float)v, low = (float)(v - (double)high);
+        memcpy(to++, &high, sizeof high);
+        memcpy(to++, &low, sizeof low);
+    }
+}
+
+/* Positions; the first time its topology, later on only files with the same one. */
+static SltStatus read_geometry(Stage *s, const Param *q, const char *path) {
+    Mesh m;
+    uint32_t *part;
+    SltStatus status = read_welded(path, &m, &part, s->err);
+    if (status != SLT_OK) return status;
+    bool *loaded = &s->p->asset_loaded[q - s->p->prog->params];
+    int32_t *topology = malloc((q->tcount + 1u) * sizeof *topology);
+    bool fits = m.nvertices * 3 == q->fcount && m.nfaces == q->sym->nfaces && (m.face_uv != NULL) == q->sym->has_uv;
+    if (!topology) {
+        status = status_fail(s->err, SLT_LIMIT, "%s: out of memory", path);
+    } else if (fits) {
+        topology_of(&m, topology);
+        size_t same = (size_t)q->sym->nfaces * (SLT_MESH_FACE + SLT_MESH_PART) * sizeof *topology;
+        fits = !*loaded || !memcmp(topology, s->ints + q->tbase, same);
+    }
+    if (status == SLT_OK && !fits)
+        status = status_fail(s->err, SLT_INPUT,
+                             "%s has %u vertices and %u triangles; those of `%s` are %u and %u, and fixed: only a file "
+                             "with the same triangles can give it other positions",
+                             path, m.nvertices, m.nfaces, q->name, q->fcount / 3, q->sym->nfaces);
+    if (status == SLT_OK) {
+        memcpy(s->floats + q->fbase, m.position, q->fcount * sizeof(double));
+        if (!*loaded) memcpy(s->ints + q->tbase, topology, q->tcount * sizeof *topology);
+        *loaded = true;
+    }
+    free(topology), free(part), mesh_free(&m);
+    return status;
+}
+
 SltStatus values_read_mesh(Stage *s, const Param *q, const char *path) {
     double *v;
     size_t rows;
     uint32_t each;
+    if (q->is_mesh) return read_geometry(s, q, path);
     SltStatus status = read_part(path, q->type, &v, &rows, &each, s->err);
     if (status != SLT_OK) return status;
     status = values_fill(s, q, path, v, rows * each);

@@ -172,12 +172,12 @@ static SltStatus read_named_file(Stage *s, const Param *q, const char *file) {
     if (snprintf(path, sizeof path, "%.*s%s", slash && file[0] != '/' ? (int)(slash + 1 - s->shown) : 0, s->shown,
                  file) >= (int)sizeof path)
         return status_fail(s->err, SLT_INPUT, "%s: the path is too long", s->shown);
-    return values_read_image(s, q, path);
+    return q->is_mesh ? values_read_mesh(s, q, path) : values_read_image(s, q, path);
 }
 
 SltStatus values_read_param(Stage *s, const Param *q, json_t *j) {
     ShapeCursor c = {q->fbase, q->ibase};
-    json_t *file = param_is_image(q) ? json_object_get(j, "file") : NULL;
+    json_t *file = q->is_texture || q->is_geometry ? json_object_get(j, "file") : NULL;
     if (json_is_string(file) && json_object_size(j) == 1) return read_named_file(s, q, json_string_value(file));
     uint32_t n[4];
     return param_is_image(q) ? read_texels(s, j, q, n, param_texel_sizes(q, n), &c)

@@ -32,6 +32,8 @@ SltStatus values_read_file(Stage *s, const Param *q, const char *path);
 /* values_mesh.c: paths like "spot.obj" and "spot.obj:normals" */
 bool values_is_mesh(const char *path);
 SltStatus values_read_mesh(Stage *s, const Param *q, const char *path);
+/* Of a parameter that is a mesh: dims gets vertices, triangles, and whether they have places in a texture. */
+SltStatus values_probe_geometry(const char *path, uint32_t dims[4], uint32_t *ndims, SltError *err);
 SltStatus values_probe_mesh(const char *path, const Type *t, uint32_t dims[4], uint32_t *ndims, SltError *err);
 
 #endif

@@ -49,7 +49,7 @@ struct Type {
                          geometry: its SltGeometryKind */
     uint32_t columns; /* of a matrix, 2..4 */
     const char *name; /* as people write it: "float3", "Disc", "float[4][2]" */
-    Field *fields;    /* struct; the Hit and Silhouette structs are predeclared */
+    Field *fields;    /* struct; what methods give, as Hit, is predeclared */
     uint32_t nfields;
     Type *next;          /* the checker's own */
     uint32_t components; /* cache of type_components for structs and arrays; 0 until known */
@@ -145,11 +145,13 @@ typedef enum Builtin {
 } Builtin;
 
 /* Rows of saltus/geometries.def: geometry_types[SltGeometryKind]. */
-enum { PLACED_EXTENT = 1, PLACED_HEIGHT = 2 };
+enum { PLACED_EXTENT = 1, PLACED_HEIGHT = 2, SOFT_NAME = 4 };
+typedef enum GeometryForm { FORM_GRID, FORM_MESH } GeometryForm;
 typedef struct GeometryType {
     const char *name;
-    uint32_t least;      /* values along each side of its grid */
-    uint32_t attributes; /* PLACED_ bits: which may stand before it */
+    GeometryForm form;
+    uint32_t least;      /* values along each side of its grid; triangles */
+    uint32_t attributes; /* PLACED_ bits: which may stand before it; SOFT_NAME */
 } GeometryType;
 extern const GeometryType geometry_types[SLT_GEOMETRIES];
 
@@ -269,6 +271,8 @@ struct Symbol {
     bool sized;        /* an open array with the length of values that the caller sets; zeros till then */
     uint32_t tex_w, tex_h, tex_d, tex_c; /* of textures and geometries that are grids, known at compile time; tex_d:
                                             slices of a texture3D, else 0 */
+    uint32_t nvertices, nfaces;          /* of a mesh, known at compile time */
+    bool has_uv;                         /* of a mesh: its topology has places in a texture */
     uint32_t param_index;                /* in Program.params */
     const char *doc_name;                /* "radius" or "module.name" */
     /* as parsed */
@@ -463,6 +467,7 @@ Func *check_program(Session *s, Module *main, const FrontOptions *opt);
 Type *type_scalar(TypeKind k); /* also T_TEXTURE, T_TEXTURE3D */
 Type *type_geometry(SltGeometryKind k);
 bool type_is_texture(const Type *t);  /* of two or three dimensions */
+bool type_is_mesh(const Type *t);     /* a geometry whose numbers are positions of vertices */
 bool type_is_resource(const Type *t); /* a texture or a geometry */
 /* The type of a keyword ("float3", "void", "texture2D"), or NULL. */
 Type *type_keyword(const char *name, size_t len);

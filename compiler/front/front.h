@@ -16,13 +16,14 @@ typedef struct Param {
     uint32_t ibase, icount; /* slice of the int vector */
     bool differentiable;    /* has floats, no [NoDiff] */
     ParamAttrs attrs;
-    bool is_texture, is_geometry;
-    uint32_t tex_w, tex_h, tex_d, tex_c; /* columns, rows, slices of a texture3D (else 0), channels */
+    bool is_texture, is_geometry, is_mesh; /* a mesh is a geometry; its numbers are float3[vertices] */
+    uint32_t tbase, tcount;                /* of a mesh: its topology (saltus/mesh.h) in the int vector */
+    uint32_t tex_w, tex_h, tex_d, tex_c;   /* columns, rows, slices of a texture3D (else 0), channels */
     const char *asset; /* file of the first values, which the caller loads; NULL: they are in init_floats, init_ints */
 } Param;
 
 /* Are the parameter's values an image or a volume, tex_w x tex_h [x tex_d] x tex_c? */
-static inline bool param_is_image(const Param *q) { return q->is_texture || q->is_geometry; }
+static inline bool param_is_image(const Param *q) { return q->tex_w > 0; }
 /* Its sizes as a nested list has them, outermost first: [slices,] rows, columns[, channels]. Returns how many. */
 static inline uint32_t param_texel_sizes(const Param *q, uint32_t n[4]) {
     uint32_t k = 0;
@@ -35,9 +36,10 @@ static inline uint32_t param_texel_sizes(const Param *q, uint32_t n[4]) {
 /* One geometry that some query searches; its index in Program.geometries is the query's imm.query.geometry. */
 typedef struct GeometryInfo {
     SltGeometryKind kind;
-    uint32_t param;       /* index in Program.params */
-    uint32_t base, count; /* its slice of the float vector */
-    uint32_t size[2];     /* of its grid: columns, rows */
+    uint32_t param;         /* index in Program.params */
+    uint32_t base, count;   /* its slice of the float vector */
+    uint32_t size[2];       /* of its grid: columns, rows */
+    uint32_t nfaces, tbase; /* of a mesh: triangles; its topology in the int vector */
     double band;      /* how near a ray has to come for its distance to count: one cell's size, in the values' unit */
     uint32_t queries; /* bit (1 << SltQuery): asked for somewhere in the primal */
 } GeometryInfo;
@@ -69,6 +71,7 @@ typedef struct Program {
     Param *params;
     uint32_t nparams;
     uint32_t nfloats, nints;
+    uint32_t ntopology;  /* the last of the ints: what meshes are made of, which nobody sets */
     double *init_floats; /* [nfloats], [nints]: values from the source; 0 where an asset's go */
     int32_t *init_ints;
     Fn *primal;         /* outputs: the channels; MATH rows, custom regions and sites in place */

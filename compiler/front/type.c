@@ -15,7 +15,7 @@ static const Type geometries[] = {
 };
 
 const GeometryType geometry_types[SLT_GEOMETRIES] = {
-#define GEOMETRY(id, text, least, attributes) {#text, least, attributes},
+#define GEOMETRY(id, text, form, least, attributes) {#text, FORM_##form, least, attributes},
 #include "saltus/geometries.def"
 #undef GEOMETRY
 };
@@ -51,6 +51,7 @@ _Static_assert(T_FLOAT - T_BOOL == 3, "vectors are indexed by scalar kind");
 Type *type_scalar(TypeKind k) { return (Type *)&simple[k]; }
 Type *type_geometry(SltGeometryKind k) { return (Type *)&geometries[k]; }
 bool type_is_texture(const Type *t) { return t->kind == T_TEXTURE || t->kind == T_TEXTURE3D; }
+bool type_is_mesh(const Type *t) { return t->kind == T_GEOMETRY && geometry_types[t->n].form == FORM_MESH; }
 bool type_is_resource(const Type *t) { return type_is_texture(t) || t->kind == T_GEOMETRY; }
 
 Type *type_vector(Session *s, TypeKind elem, uint32_t n) {
@@ -71,7 +72,8 @@ Type *type_keyword(const char *name, size_t len) {
     for (TypeKind k = T_VOID; k <= T_FLOAT; k++) TRY(simple[k]);
     TRY(simple[T_TEXTURE]);
     TRY(simple[T_TEXTURE3D]);
-    for (int k = 0; k < SLT_GEOMETRIES; k++) TRY(geometries[k]);
+    for (int k = 0; k < SLT_GEOMETRIES; k++)
+        if (!(geometry_types[k].attributes & SOFT_NAME)) TRY(geometries[k]);
     for (int k = 0; k < 4; k++)
         for (int n = 0; n < 3; n++) TRY(vectors[k][n]);
     for (int r = 0; r < 3; r++)

@@ -171,6 +171,9 @@ bool slt_param(const SltProgram *p, uint32_t index, SltParam *out);
 bool slt_param_field(const SltParam *of, uint32_t index, SltParam *out);
 /* A parameter or component by name ("discs[3].centre.x"). SLT_USAGE: there is none; err names the nearest. */
 SltStatus slt_param_find(const SltProgram *p, const char *name, SltParam *out, SltError *err);
+/* What a parameter that is a mesh is made of, which never changes (saltus/mesh.h says how it lies there): the program's
+ * own. Its positions are shape[0] vertices of 3 floats. NULL: the parameter is no mesh. */
+const int32_t *slt_mesh(const SltProgram *p, uint32_t index, uint32_t *nfaces, bool *has_uv);
 uint32_t slt_float_count(const SltProgram *p);
 uint32_t slt_int_count(const SltProgram *p);
 const double *slt_floats(const SltProgram *p); /* [slt_float_count]: the values now */

@@ -22,11 +22,13 @@
 /* What a geometry is made from, beside its numbers. */
 typedef struct GeometrySource {
     SltGeometryKind kind;
-    uint32_t size[2];       /* of its grid: columns, rows */
-    bool f64;               /* precision of its numbers and of rays */
-    uint32_t queries;       /* bit (1 << SltQuery): those that will be asked; nothing is built for others */
-    float band;             /* of SLT_QUERY_SHADOW, in the unit of the numbers */
-    SltStructure structure; /* what searches; never changes the answer */
+    uint32_t size[2];           /* of its grid: columns, rows */
+    uint32_t nvertices, nfaces; /* of a mesh */
+    const int32_t *faces;       /* of a mesh: its topology (saltus/mesh.h), which outlives the geometry; else NULL */
+    bool f64;                   /* precision of its numbers and of rays */
+    uint32_t queries;           /* bit (1 << SltQuery): those that will be asked; nothing is built for others */
+    float band;                 /* of SLT_QUERY_SHADOW, in the unit of the numbers */
+    SltStructure structure;     /* what searches; never changes the answer */
 } GeometrySource;
 
 /* *out is the caller's, for geometry_free; NULL after an error. values: the numbers, float or double as from->f64 says.

@@ -39,6 +39,11 @@ SltStatus mesh_read(const char *path, Mesh *out, SltError *err);
 SltStatus mesh_decode(const char *name, const uint8_t *bytes, size_t size, Mesh *out, SltError *err);
 void mesh_free(Mesh *m);
 
+/* Vertices of one part with equal positions become one, in the order of the file; unused ones stay. A vertex is of the
+ * part of the first face that has it, unused ones of part 0; vertex_part[nvertices] gets that of each that is left.
+ * False when out of memory: the mesh is as it was but for positions. */
+bool mesh_weld(Mesh *m, uint32_t *vertex_part);
+
 /* A normal of unit length for each vertex, out[nvertices][3]: the mean of those of its corners, and where the file has
  * none the mean of its faces' (by area). Of a vertex without either (0, 0, 0). */
 void mesh_vertex_normals(const Mesh *m, double *out);

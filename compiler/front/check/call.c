@@ -211,6 +211,10 @@ static Type *fixed_type(Checker *c, char letter) {
     case 'W': return type_vector(c->s, T_UINT, 3);
     case 'x': return type_vector(c->s, T_INT, 2);
     case 'y': return type_vector(c->s, T_INT, 3);
+    case '4': return type_vector(c->s, T_FLOAT, 4);
+    case 'H': return c->t_hit;
+    case 'S': return c->t_silhouette;
+    case 'M': return c->t_mesh_hit;
     default: return NULL;
     }
 }
@@ -482,10 +486,7 @@ Expr *check_method(Checker *c, Expr *e) {
         if (e->args[i]->type->kind == T_ERROR) return fail(c, e);
     }
     e->method = (Method)(m - methods);
-    e->type = m->signature[0] == '4'   ? type_vector(c->s, T_FLOAT, 4)
-              : m->signature[0] == 'H' ? c->t_hit
-              : m->signature[0] == 'S' ? c->t_silhouette
-                                       : fixed_type(c, m->signature[0]);
+    e->type = fixed_type(c, m->signature[0]);
     return e;
 }
 

@@ -39,9 +39,19 @@ ModuleScope *scope_of(Checker *c, const Module *m) {
 bool in_glsl(const Checker *c) { return c->at.scope->module->glsl; }
 FuncInfo *func_info(Checker *c, const Func *f) { return &c->info[f->check_state - 1]; }
 
+Type *soft_type(Checker *c, const char *name) {
+    Type *const structs[] = {c->t_hit, c->t_silhouette, c->t_mesh_hit};
+    for (size_t i = 0; i < sizeof structs / sizeof *structs; i++)
+        if (structs[i] && !strcmp(name, structs[i]->name)) return structs[i];
+    for (int k = 0; k < SLT_GEOMETRIES; k++)
+        if (geometry_types[k].attributes & SOFT_NAME && !strcmp(name, geometry_types[k].name))
+            return type_geometry((SltGeometryKind)k);
+    return NULL;
+}
+
 static bool is_language_name(Checker *c, const char *name) {
     return map_get(&c->builtin_funcs, name) || name == c->name_len || name == c->name_pi || name == c->name_tau ||
-           name == c->name_infinity || name == c->name_epsilon || !strcmp(name, "Hit") || !strcmp(name, "Silhouette");
+           name == c->name_infinity || name == c->name_epsilon || soft_type(c, name);
 }
 
 bool name_lost(const Checker *c, const char *name) {
@@ -242,7 +252,8 @@ static void fill_language(Checker *c) {
     Type *types[32] = {c->t_void, c->t_bool, c->t_int, c->t_uint, c->t_float};
     uint32_t n = 5;
     types[n++] = type_scalar(T_TEXTURE), types[n++] = type_scalar(T_TEXTURE3D);
-    for (int k = 0; k < SLT_GEOMETRIES; k++) types[n++] = type_geometry((SltGeometryKind)k);
+    for (int k = 0; k < SLT_GEOMETRIES; k++)
+        if (!(geometry_types[k].attributes & SOFT_NAME)) types[n++] = type_geometry((SltGeometryKind)k);
     for (uint32_t w = 2; w <= 4; w++) {
         for (TypeKind k = T_BOOL; k <= T_FLOAT; k++) types[n++] = type_vector(s, k, w);
         for (uint32_t k = 2; k <= 4; k++) types[n++] = type_matrix(s, w, k);
@@ -266,6 +277,11 @@ static void fill_language(Checker *c) {
     Field silhouette[] = {{"found", c->t_bool, SPAN_NONE, NULL},
                           {"t", c->t_float, SPAN_NONE, NULL},
                           {"slope", c->t_float, SPAN_NONE, NULL}};
+    Field mesh_hit[] = {{"hit", c->t_bool, SPAN_NONE, NULL}, {"t", c->t_float, SPAN_NONE, NULL},
+                        {"p", f3, SPAN_NONE, NULL},          {"normal", f3, SPAN_NONE, NULL},
+                        {"uv", f2, SPAN_NONE, NULL},         {"tri", c->t_int, SPAN_NONE, NULL},
+                        {"part", c->t_int, SPAN_NONE, NULL}};
+    c->t_mesh_hit = predeclared_struct(c, "MeshHit", mesh_hit, 7);
     c->t_hit = predeclared_struct(c, "Hit", hit, 4);
     c->t_silhouette = predeclared_struct(c, "Silhouette", silhouette, 3);
 }

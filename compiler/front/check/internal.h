@@ -98,7 +98,7 @@ typedef struct Checker {
     NameMap builtin_types; /* -> Type */
     NameMap builtin_funcs; /* -> (void *)(uintptr_t)Builtin */
     const char *name_len, *name_pi, *name_tau, *name_infinity, *name_epsilon;
-    Type *t_error, *t_void, *t_bool, *t_int, *t_uint, *t_float, *t_hit, *t_silhouette;
+    Type *t_error, *t_void, *t_bool, *t_int, *t_uint, *t_float, *t_hit, *t_silhouette, *t_mesh_hit;
     Decl poison; /* what a name stands for after its error was reported */
     Vec(CullLoop) culls;
 } Checker;
@@ -141,6 +141,8 @@ int conversion_cost(Expr *e, const Type *to, unsigned flags); /* 0 none needed, 
 /* e as a node of type `to`; reports where that cannot be, and returns one of T_ERROR. */
 Expr *convert(Checker *c, Expr *e, Type *to, unsigned flags);
 Expr *convert_scalar_kind(Checker *c, Expr *e, TypeKind kind, bool explicit_cast);
+/* Of a name that nothing declares: a type of the language whose name is no keyword; NULL. */
+Type *soft_type(Checker *c, const char *name);
 bool is_texture_result(const Expr *e);
 Expr *new_expr(Checker *c, ExprKind kind, const Expr *at, Type *type);
 Expr *fail(Checker *c, Expr *e); /* marks e as T_ERROR */

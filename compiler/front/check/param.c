@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "saltus/mesh.h"
+
 /* Symbol.id of file-scope symbols is the state of their check. */
 enum { FRESH, BUSY, DONE };
 
@@ -244,6 +246,14 @@ static bool texture_from_asset(Checker *c, Symbol *sym, const GeometryType *grid
     return true;
 }
 
+/* Its sizes are known now, its numbers and faces are read when all is well. */
+static bool mesh_from_asset(Checker *c, Symbol *sym) {
+    uint32_t dims[4] = {0}, nd = 0;
+    if (!probe_asset(c, sym, dims, &nd)) return false;
+    sym->nvertices = dims[0], sym->nfaces = dims[1], sym->has_uv = dims[2];
+    return array_limit(c, sym, 3 * (uint64_t)dims[0]) && array_limit(c, sym, SLT_MESH_TOPOLOGY(dims[1], dims[2]));
+}
+
 static bool texture_zeros(Checker *c, Symbol *sym, const GeometryType *grid) {
     Session *s = c->s;
     bool volume = sym->type->kind == T_TEXTURE3D, ok = true;
@@ -356,6 +366,10 @@ static bool param_value(Checker *c, Symbol *sym) {
         sym->asset = file->path;
     } else if (sym->asset_text) {
         sym->asset = asset_path(c, sym, sym->module);
+    }
+    if (type_is_mesh(t)) {
+        if (sym->asset) return mesh_from_asset(c, sym);
+        return param_error(c, sym, "the value of a mesh is a file: `\"a.obj\"` or `\"a.ply\"`");
     }
     if (type_is_resource(t)) {
         if (sym->asset) return texture_from_asset(c, sym, geometry_of(t));

@@ -118,8 +118,7 @@ static Type *resolve_name(Checker *c, const char *name, Span span) {
     if (t) return t;
     Decl *d = scope_find(c, name, span);
     if (!d) {
-        if (!strcmp(name, "Hit")) return c->t_hit;
-        if (!strcmp(name, "Silhouette")) return c->t_silhouette;
+        if ((t = soft_type(c, name))) return t;
         diag_emit(c->s, DIAG_unknown_type, span, name, suggest(c, name, true));
         return c->t_error;
     }

@@ -2,6 +2,7 @@
 #include <string.h>
 
 #include "compiler/front/gen/internal.h"
+#include "saltus/mesh.h"
 
 #define MAX_PARAM_NUMBERS ((uint64_t)1 << 30)
 
@@ -263,13 +264,15 @@ static void collect_params(Lower *l, Module *main) {
             q->attrs = s->attrs;
             q->is_texture = type_is_texture(s->type);
             q->is_geometry = s->type->kind == T_GEOMETRY;
+            q->is_mesh = type_is_mesh(s->type);
+            if (q->is_mesh) q->type = type_array(l->s, type_vector(l->s, T_FLOAT, 3), s->nvertices);
             q->asset = s->asset;
             uint64_t nf, ni = 0;
-            if (param_is_image(q)) {
+            if (q->is_texture || (q->is_geometry && !q->is_mesh)) {
                 q->tex_w = s->tex_w, q->tex_h = s->tex_h, q->tex_d = s->tex_d, q->tex_c = s->tex_c;
                 nf = (uint64_t)q->tex_w * q->tex_h * (q->tex_d ? q->tex_d : 1) * q->tex_c;
             } else {
-                const Layout *layout = gen_layout(l, s->type);
+                const Layout *layout = gen_layout(l, q->type);
                 nf = layout->nfloats, ni = layout->nints;
             }
             if (floats + nf > MAX_PARAM_NUMBERS || ints + ni > MAX_PARAM_NUMBERS) {
@@ -281,8 +284,21 @@ static void collect_params(Lower *l, Module *main) {
             floats += nf, ints += ni;
             q->differentiable = nf > 0 && !s->attrs.nodiff;
         }
+    uint64_t own = ints;
+    for (uint32_t i = 0; i < p->nparams; i++) {
+        Param *q = &p->params[i];
+        if (!q->is_mesh) continue;
+        uint64_t n = SLT_MESH_TOPOLOGY(q->sym->nfaces, q->sym->has_uv);
+        if (ints + n > MAX_PARAM_NUMBERS) {
+            diag_emit(l->s, DIAG_too_many_params, q->sym->span);
+            gen_giveup(l);
+        }
+        q->tbase = (uint32_t)ints, q->tcount = (uint32_t)n;
+        ints += n;
+    }
     p->nfloats = (uint32_t)floats;
     p->nints = (uint32_t)ints;
+    p->ntopology = (uint32_t)(ints - own);
 }
 
 /* ---- the program */

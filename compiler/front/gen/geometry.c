@@ -28,6 +28,8 @@ static uint32_t number_of(Lower *l, Searched of) {
                       .base = p->fbase,
                       .count = p->fcount,
                       .size = {p->tex_w, p->tex_h},
+                      .nfaces = of.sym->nfaces,
+                      .tbase = p->tbase,
                       .band = of.band};
     vec_push(l->arena, &l->geometries, g);
     return l->geometries.len - 1;

@@ -258,6 +258,9 @@ void vars_store(Lower *l, Type *t, Var *vars, Val v, bool own);
 Place place_of_vars(Type *t, Var *vars);
 Symbol *gen_resource(Lower *l, const Expr *e);
 Bind *gen_bind(Lower *l, const Symbol *sym);
+/* Number offset + dyn of the parameter's floats, or of its integers (of a mesh, of its topology); dyn in [0, span], or
+ * NULL. */
+Inst *param_int(Lower *l, const Symbol *sym, uint32_t offset, Inst *dyn, uint32_t span, IrType t);
 Inst *param_float(Lower *l, const Symbol *sym, uint32_t offset, Inst *dyn, uint32_t span);
 
 /* call.c */

@@ -194,9 +194,9 @@ Inst *param_float(Lower *l, const Symbol *sym, uint32_t offset, Inst *dyn, uint3
     return special(l, OP_param, TY_FLT, 1, &dyn, imm);
 }
 
-static Inst *param_int(Lower *l, const Symbol *sym, uint32_t offset, Inst *dyn, uint32_t span, IrType t) {
+Inst *param_int(Lower *l, const Symbol *sym, uint32_t offset, Inst *dyn, uint32_t span, IrType t) {
     const Param *p = &l->program->params[sym->param_index];
-    Imm imm = {.slot = {p->ibase + offset, span + 1}};
+    Imm imm = {.slot = {(p->is_mesh ? p->tbase : p->ibase) + offset, span + 1}};
     if (!dyn) dyn = ki(l, 0), imm.slot.count = 1;
     Inst *i = special(l, OP_iparam, TY_INT, 1, &dyn, imm);
     return t == TY_BOOL ? op2(l, OP_ine, i, ki(l, 0)) : i;

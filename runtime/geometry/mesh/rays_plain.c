@@ -1,0 +1,17 @@
+/* rays.inc.h for the machine that all have. */
+#include "rays.h"
+
+#include <float.h>
+#include <math.h>
+
+#include "saltus/query.h"
+
+#define F64 0
+#include "lanes.h"
+#include "rays.inc.h"
+#undef F64
+#define F64 1
+#include "lanes.h"
+#include "rays.inc.h"
+
+const BvhSearches bvh_plain = {.name = "scalar", .by = {search_f32, search_f64}};

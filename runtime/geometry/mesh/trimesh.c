@@ -1,0 +1,140 @@
+/* Making, following and freeing meshes; what answers which query. */
+#include "trimesh.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+static TrimeshIsa best_isa(void) {
+#if defined(__x86_64__)
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512dq") &&
+        __builtin_cpu_supports("avx512bw"))
+        return TRIMESH_ISA_AVX512;
+    if (__builtin_cpu_supports("avx2")) return TRIMESH_ISA_AVX2;
+#endif
+    return TRIMESH_ISA_PLAIN;
+}
+
+static const BvhSearches *searches(TrimeshIsa isa) {
+#if defined(__x86_64__)
+    if (isa == TRIMESH_ISA_AVX512) return &bvh_avx512;
+    if (isa == TRIMESH_ISA_AVX2) return &bvh_avx2;
+#endif
+    (void)isa;
+    return &bvh_plain;
+}
+
+/* ---- queries */
+
+static void ask(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width, bool any,
+                int32_t *witness) {
+    const Trimesh *m = g->made;
+    bool moved = g != &m->base.shared; /* a copy for finite differences */
+    const BvhScene s = {.bvh = &m->bvh, .moved = moved ? values : NULL, .slack = moved ? (double)g->slack : 0};
+    m->rays->by[m->from.f64](&s, rays, mask, width, any, witness);
+}
+
+static void trace(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
+                  int32_t *witness) {
+    ask(g, values, rays, mask, width, false, witness);
+}
+
+static void occluded(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
+                     int32_t *witness) {
+    ask(g, values, rays, mask, width, true, witness);
+}
+
+/* Of boxes of rays nothing is known yet. */
+static void blocked(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
+                    int32_t *witness) {
+    (void)g, (void)values, (void)rays, (void)mask;
+    for (uint32_t k = 0; k < width; k++) witness[k] = SLT_RAYS_EITHER;
+}
+
+/* ---- the seam */
+
+static const uint32_t searching = 1u << SLT_QUERY_TRACE | 1u << SLT_QUERY_OCCLUDED;
+
+static void release(SltGeometry *g) {
+    Trimesh *m = (Trimesh *)g;
+    if (!m) return;
+    if (m->has_tree) bvh_free(&m->bvh);
+    free(m);
+}
+
+static void describe(Trimesh *m) {
+    if (m->has_tree)
+        snprintf(m->text, sizeof m->text, "tree of boxes, %u nodes of 8, %u leaves, %s", m->bvh.nnodes, m->bvh.nleaves,
+                 m->rays->name);
+    else snprintf(m->text, sizeof m->text, "no tree");
+}
+
+SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void *values, TrimeshIsa isa,
+                       SltError *err) {
+    *out = NULL;
+    if (isa < 0 || isa >= TRIMESH_ISAS || isa > best_isa())
+        return status_fail(err, SLT_USAGE, "this machine has no such instruction set");
+    Trimesh *m = calloc(1, sizeof *m);
+    if (!m) return status_fail(err, SLT_LIMIT, "out of memory for a mesh");
+    m->from = *from;
+    m->rays = searches(isa ? isa : best_isa());
+    m->base.shared.made = m;
+    m->base.ops = &geometry_mesh;
+    m->has_tree = from->queries & searching;
+    if (m->has_tree && !bvh_make(&m->bvh, values, from->f64, from->faces, from->nfaces)) {
+        m->has_tree = false;
+        release(&m->base.shared);
+        return status_fail(err, SLT_LIMIT, "out of memory for the tree of a mesh of %u triangles", from->nfaces);
+    }
+    describe(m);
+    if (m->has_tree) {
+        m->base.shared.query[SLT_QUERY_TRACE] = trace;
+        m->base.shared.query[SLT_QUERY_OCCLUDED] = occluded;
+    }
+    m->base.shared.query[SLT_QUERY_BLOCKED] = blocked;
+    *out = &m->base.shared;
+    return SLT_OK;
+}
+
+static SltStatus make(SltGeometry **out, const GeometrySource *from, const void *values, SltError *err) {
+    return trimesh_make(out, from, values, TRIMESH_ISA_BEST, err);
+}
+
+static void changed(SltGeometry *g, uint64_t first, uint64_t count) {
+    (void)first;
+    if (count) ((Trimesh *)g)->dirty = true;
+}
+
+static uint64_t follow(SltGeometry *g, const void *values) {
+    Trimesh *m = (Trimesh *)g;
+    if (!m->dirty) return 0;
+    m->dirty = false;
+    if (m->has_tree) bvh_follow(&m->bvh, values); /* without memory for a new tree the old one serves, slower */
+    describe(m);
+    return 3 * (uint64_t)m->from.nvertices;
+}
+
+/* The longest way along an axis that a vertex goes. */
+static double growth(const SltGeometry *g, const void *from, const void *to) {
+    const Trimesh *m = g->made;
+    double most = 0;
+    for (size_t i = 0; i < 3 * (size_t)m->from.nvertices; i++)
+        most = fmax(most, fabs(m->from.f64 ? ((const double *)to)[i] - ((const double *)from)[i]
+                                           : (double)((const float *)to)[i] - (double)((const float *)from)[i]));
+    return most;
+}
+
+static size_t held(const SltGeometry *g) {
+    const Trimesh *m = g->made;
+    return m->has_tree ? bvh_bytes(&m->bvh) : 0;
+}
+
+static const char *text(const SltGeometry *g) { return ((const Trimesh *)g->made)->text; }
+
+const GeometryOps geometry_mesh = {.make = make,
+                                   .free = release,
+                                   .changed = changed,
+                                   .follow = follow,
+                                   .growth = growth,
+                                   .bytes = held,
+                                   .describe = text};

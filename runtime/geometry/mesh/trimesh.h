@@ -1,0 +1,35 @@
+/* Triangle meshes as geometries: geometry_mesh is what runtime/geometry/geometry.h calls; the functions here are for
+ * tests and benchmarks, which ask more.
+ *
+ *   vertices, faces (caller's)  ->  bvh.h  ->  rays.h, one ray against eight boxes  ->  witnesses
+ *
+ * A mesh that nobody asks about rays holds nothing. */
+#ifndef SALTUS_MESH_TRIMESH_H
+#define SALTUS_MESH_TRIMESH_H
+
+#include "bvh.h"
+#include "rays.h"
+#include "runtime/geometry/geometry.h"
+
+typedef enum TrimeshIsa {
+    TRIMESH_ISA_BEST,
+    TRIMESH_ISA_PLAIN,
+    TRIMESH_ISA_AVX2,
+    TRIMESH_ISA_AVX512,
+    TRIMESH_ISAS
+} TrimeshIsa;
+
+typedef struct Trimesh {
+    Geometry base;
+    GeometrySource from;
+    bool dirty, has_tree;
+    Bvh bvh; /* where has_tree */
+    const BvhSearches *rays;
+    char text[96]; /* describe */
+} Trimesh;
+
+/* The same with an instruction set: wider than the machine has: SLT_USAGE. */
+SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void *values, TrimeshIsa isa,
+                       SltError *err);
+
+#endif
