@@ -108,7 +108,7 @@ static Inst *insert(Builder *b, Op op, IrType t, uint32_t nargs, Inst *const *ar
 
 Inst *ir_emit(Builder *b, Op op, uint32_t nargs, Inst *const *args) {
     const OpInfo *info = &ir_ops[op];
-    if (nargs != info->nargs || (info->special && op != OP_detach && op != OP_rand))
+    if (nargs != info->nargs || (info->special && op != OP_detach && op != OP_ghost && op != OP_rand))
         ice(b->fn->session, "ir_emit: %s with %u arguments", info->name, nargs);
     if (b->fold && !info->special) {
         Inst *same = ir_simplify(b, op, args);
@@ -125,7 +125,7 @@ static size_t imm_size(Op op) {
     if (op == OP_loop) return sizeof(LoopInfo);
     if (op == OP_print) return sizeof((Imm *)NULL)->text;
     if (op == OP_give || op == OP_take) return sizeof((Imm *)NULL)->frame;
-    if (op == OP_query) return sizeof((Imm *)NULL)->query;
+    if (op == OP_query || op == OP_told) return sizeof((Imm *)NULL)->query;
     return sizeof((Imm *)NULL)->i;
 }
 

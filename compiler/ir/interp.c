@@ -410,6 +410,21 @@ static bool exec_query(Interp *in, const Inst *i, const Mask *m, void *dst) {
     return true;
 }
 
+static bool exec_told(Interp *in, const Inst *i, const Mask *m, void *dst, const int32_t *unit) {
+    const SltKernelArgs *args = in->args;
+    if (!args->geometries || !args->geometries[i->imm.query.geometry]) return fail(in, SLT_USAGE);
+    const SltGeometry *g = args->geometries[i->imm.query.geometry];
+    _Alignas(64) unsigned char told[64 * sizeof(double)];
+    uint64_t on = 0;
+    for (uint32_t l = 0; l < in->lanes; l++) on |= (uint64_t)(m->on[l] != 0) << l;
+    if (!g->tell) return fail(in, SLT_USAGE);
+    g->tell(g, i->imm.query.what, unit, on, in->lanes, told);
+    for (uint32_t l = 0; l < in->lanes; l++)
+        if (i->type == TY_INT) ((int32_t *)dst)[l] = (int32_t)get_flt(in, told, l);
+        else set_flt(in, dst, l, get_flt(in, told, l));
+    return true;
+}
+
 static void exec_item(Interp *in, const Inst *i, int32_t *dst, const int32_t *a) {
     const SltCullList *list = in->args->cull ? &in->args->cull[i->imm.i] : NULL;
     int32_t n = list ? list->count : -1;
@@ -481,6 +496,8 @@ static bool exec_special(Interp *in, const Inst *i, const Mask *m) {
     case OP_items: exec_item(in, i, dst, a); return true;
     case OP_note: exec_note(in, i, a, in->slot[i->args[1]->id], m); return true;
     case OP_query: return exec_query(in, i, m, dst);
+    case OP_told: return exec_told(in, i, m, dst, a);
+    case OP_ghost: memset(dst, 0, (size_t)in->lanes * in->flt); return true;
     case OP_window: { /* lanes form no pairs here: from each ray's own t, top and margin */
         for (uint32_t l = 0; l < in->lanes; l++)
             set_flt(in, dst, l,

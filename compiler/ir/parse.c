@@ -260,6 +260,7 @@ static bool want_imm(Parser *p, Op op, Imm *imm) {
         imm->frame.which = which, imm->frame.place = place, imm->frame.places = places;
         return true;
     }
+    case OP_told:
     case OP_query:
         return want_word(p, "geometry") && want_u32(p, &imm->query.geometry) && want_word(p, "what") &&
                want_u32(p, &imm->query.what) && want_word(p, "base") && want_u32(p, &imm->query.base);

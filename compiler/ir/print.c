@@ -165,6 +165,7 @@ static void add_imm(Text *t, const Inst *i) {
         text_add(t, " [%" PRIu32 ", %" PRIu32 " of %" PRIu32 "]", i->imm.frame.which, i->imm.frame.place,
                  i->imm.frame.places);
         break;
+    case OP_told:
     case OP_query:
         text_add(t, " geometry %" PRIu32 " what %" PRIu32 " base %" PRIu32, i->imm.query.geometry, i->imm.query.what,
                  i->imm.query.base);

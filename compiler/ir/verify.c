@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "compiler/ir/text.h"
+#include "saltus/mesh.h"
 
 enum { MAX_DEPTH = 512 };
 
@@ -178,6 +179,17 @@ static void check_array(Verify *v, const Inst *i, uint32_t a) {
     if (i->args[a]->op != OP_alloc) problem(v, i, "operand %u is not an alloc", a);
 }
 
+static bool is_ray(QueryRay ray, uint32_t n) {
+    switch (ray) {
+    case RAY_BOX: return n == SLT_BOX_ROWS;
+    case RAY_BEAM: return n == SLT_BEAM_ROWS + 1;
+    case RAY_NOTHING: return n == 0;
+    case RAY_SEGMENT:
+    case RAY_SLICE: break;
+    }
+    return n == SLT_RAY_POINT_ROWS || n == SLT_RAY_ROWS;
+}
+
 static void check_special(Verify *v, const Inst *i) {
     const Inst *a = i->nargs ? i->args[0] : NULL;
     switch ((Op)i->op) {
@@ -217,6 +229,7 @@ static void check_special(Verify *v, const Inst *i) {
         return;
     case OP_seed: want(v, i, 1, TY_FLT); /* fall through */
     case OP_detach:
+    case OP_ghost:
     case OP_along:
     case OP_ddx:
         want(v, i, 0, TY_FLT);
@@ -348,10 +361,11 @@ static void check_special(Verify *v, const Inst *i) {
     case OP_query:
         for (uint32_t k = 0; k < i->nargs; k++) want(v, i, k, TY_FLT);
         if (i->imm.query.what >= SLT_QUERIES) problem(v, i, "no such query");
-        else if (query_rows[i->imm.query.what].ray == RAY_BOX
-                     ? i->nargs != SLT_BOX_ROWS
-                     : i->nargs != SLT_RAY_POINT_ROWS && i->nargs != SLT_RAY_ROWS)
-            problem(v, i, "not the numbers of a ray");
+        else if (!is_ray(query_rows[i->imm.query.what].ray, i->nargs)) problem(v, i, "not the numbers of a ray");
+        return;
+    case OP_told:
+        want(v, i, 0, TY_INT);
+        if (i->type != TY_FLT && i->type != TY_INT) problem(v, i, "told is a number");
         return;
     case OP_window:
         for (uint32_t k = 0; k < i->nargs; k++) want(v, i, k, TY_FLT);

@@ -63,6 +63,7 @@ static void varied_in(Walk *w, Block *b) {
         case OP_param: on = ad_slot_in_wrt(f->o, i); break;
         case OP_input: on = f->o->wrt_x && i->imm.i >= IN_X0 && i->imm.i <= IN_X2; break;
         case OP_seed: on = f->o->wrt_seeds || v[i->args[0]->id]; break;
+        case OP_ghost: on = v[i->args[0]->id]; break;
         case OP_detach: on = i->tag && v[f->links[i->tag - 1]->id]; break;
         case OP_load: on = i->type == TY_FLT && v[i->args[0]->id]; break;
         case OP_take: on = i->type == TY_FLT; break; /* of which chunk is not known */
@@ -138,7 +139,7 @@ static void useful_in(Walk *w, Block *b) {
         }
         if (!u[i->id] || i->type != TY_FLT) continue;
         if (i->op == OP_load) set(w, u, i->args[0]);
-        else if (i->op == OP_seed) useful_arg(w, i->args[0]);
+        else if (i->op == OP_seed || i->op == OP_ghost) useful_arg(w, i->args[0]);
         else if (i->op == OP_detach && i->tag) useful_arg(w, f->links[i->tag - 1]);
         else if (!ir_ops[i->op].special)
             for (uint32_t a = 0; a < i->nargs; a++)

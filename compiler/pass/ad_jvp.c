@@ -188,6 +188,9 @@ static void jvp_inst(Jvp *j, Inst *i) {
         else set_tangent(j, i, 0, ir_input(b, (InputSlot)(IN_DX0 + (i->imm.i - IN_X0))));
         return;
     case OP_seed: set_tangent(j, i, 0, i->args[1]); return;
+    case OP_ghost:
+        for (uint32_t d = 0; active(j, i) && d < j->n; d++) set_tangent(j, i, d, tangent_or_zero(j, b, i->args[0], d));
+        return;
     case OP_give:
     case OP_take: jvp_frame(j, b, i); return;
     case OP_alloc:

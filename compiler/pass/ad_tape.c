@@ -115,6 +115,10 @@ static void cost_of(Vjp *v, Inst *i, Cost *c) {
 static Inst *recompute(Vjp *v, Inst *i, Ctx *c) {
     if (i->op == OP_site || i->op == OP_siten || i->op == OP_detach) return tape_value(v, i->args[0]);
     Inst *args[3];
+    if (i->op == OP_ghost) {
+        Builder zero = rev_builder(v, c->rev);
+        return ir_constf(&zero, 0);
+    }
     if (i->nargs > 3) ice(v->fn->session, "ad: %s cannot be recomputed", ir_ops[i->op].name);
     for (uint32_t a = 0; a < i->nargs; a++) args[a] = tape_value(v, i->args[a]);
     Builder b = rev_builder(v, c->rev);

@@ -116,6 +116,9 @@ static void reverse_inst(Vjp *v, Inst *i) {
     case OP_load: reverse_load(v, i); return;
     case OP_store: reverse_store(v, i); return;
     case OP_acopy: reverse_acopy(v, i); return;
+    case OP_ghost:
+        if (v->adj[i->id].v) vjp_add(v, i->args[0], ad_seed(v->adj[i->id].v, v->adj[i->id].inf));
+        return;
     case OP_detach:
         if (i->tag && v->adj[i->id].v)
             vjp_add(v, v->links.v.data[i->tag - 1], ad_seed(v->adj[i->id].v, v->adj[i->id].inf));

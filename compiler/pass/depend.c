@@ -70,7 +70,7 @@ static bool ties(const Flow *f, const Inst *i) {
 /* Operations of floats whose results are constant between jumps. A site's own jumps are tagged. */
 static bool steps(const Inst *i) {
     Op op = (Op)i->op;
-    if (op == OP_site || op == OP_siten || op == OP_query || op == OP_window) return false;
+    if (op == OP_site || op == OP_siten || op == OP_query || op == OP_told || op == OP_window) return false;
     return op == OP_ffloor || op == OP_fceil || op == OP_fround || op == OP_ftrunc ||
            (i->nargs && (i->type == TY_INT || i->type == TY_BOOL));
 }

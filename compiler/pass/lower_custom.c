@@ -1,17 +1,19 @@
-/* custom ([Tangent] functions) -> its primal region in place. AD takes derivatives from the tangent regions before;
- * what is left here needs only values. */
+/* custom ([Tangent] functions) -> its primal region in place, ghost -> 0. AD takes derivatives from the tangent regions
+ * and through ghosts before; what is left here needs only values. */
 #include "compiler/pass/pass.h"
 
 typedef struct Lower {
+    Fn *fn;
     Inst **map;      /* by id: the value that stands for a region's parameter or a projection */
     bool only_sites; /* the others keep their derivative */
+    uint32_t n;      /* of the map: constants that are made here have no number */
     bool changed;
 } Lower;
 
 /* Definitions come before uses, so one walk in program order resolves chains too. */
 static void remap(const Lower *lo, Inst *i) {
     for (uint32_t a = 0; a < i->nargs; a++)
-        if (lo->map[i->args[a]->id]) i->args[a] = lo->map[i->args[a]->id];
+        if (i->args[a]->id < lo->n && lo->map[i->args[a]->id]) i->args[a] = lo->map[i->args[a]->id];
 }
 
 static void move_before(Inst *i, Block *b, Inst *before) {
@@ -60,6 +62,13 @@ static void lower_block(Lower *lo, Block *b) {
     for (Inst *i = b->first, *next; i; i = next) {
         next = i->next;
         remap(lo, i);
+        if (i->op == OP_ghost && !lo->only_sites) {
+            Builder at = ir_before(lo->fn, i);
+            lo->map[i->id] = ir_constf(&at, 0);
+            ir_unlink(i);
+            lo->changed = true;
+            continue;
+        }
         if (i->op == OP_custom && (!lo->only_sites || holds_site(i->region[0]))) {
             next = inline_region(lo, i);
             continue;
@@ -72,7 +81,7 @@ static bool lower(PassCtx *ctx, Fn *fn, bool only_sites) {
     Arena *scratch = &ctx->session->scratch;
     ArenaMark m = arena_mark(scratch);
     uint32_t n = ir_number(fn);
-    Lower lo = {.map = ARENA_ARRAY(scratch, Inst *, n + 1), .only_sites = only_sites};
+    Lower lo = {.fn = fn, .n = n, .map = ARENA_ARRAY(scratch, Inst *, n + 1), .only_sites = only_sites};
     lower_block(&lo, fn->body);
     arena_reset(scratch, m);
     return lo.changed;

@@ -27,6 +27,7 @@ static Census take_census(const Block *b) {
     for (const Inst *i = b->first; i; i = i->next) {
         if (i->op == OP_site || i->op == OP_siten) c.sites++;
         if (i->op == OP_rand) c.kinds |= RAND;
+        if (i->op == OP_ghost) c.kinds |= CUSTOM;
         if (i->op == OP_ddx) c.kinds |= DDX;
         if (ir_ops[i->op].math) c.kinds |= MATH;
         for (uint32_t r = 0; r < i->nregions; r++) {

@@ -121,7 +121,7 @@ enum { SECOND_SIZE = 400 };
 /* A derivative of its own may change with the position where the value does not. */
 static bool has_custom(const Block *b) {
     for (const Inst *i = b->first; i; i = i->next) {
-        if (i->op == OP_custom) return true;
+        if (i->op == OP_custom || i->op == OP_ghost) return true;
         for (uint32_t r = 0; r < i->nregions; r++)
             if (has_custom(i->region[r])) return true;
     }

@@ -377,7 +377,9 @@ void bounds_value(Boxes *x, Builder *b, const Inst *i) {
         ir_special(b, OP_choice, TY_VOID, 2, may, i->imm);
         return;
     }
+    case OP_told:
     case OP_window: x->value[i->id] = unknown_value(b, i); return;
+    case OP_ghost: x->value[i->id] = (Boxed){.is = {number(b, 0), number(b, 0)}}; return;
     case OP_param:
     case OP_dparam:
     case OP_iparam: bounds_param(x, b, i); return;

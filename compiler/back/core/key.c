@@ -92,6 +92,7 @@ static void hash_block(XXH3_state_t *state, const Block *b, size_t *len) {
         case OP_alloc: w[4] = i->imm.arr.count, w[5] = i->imm.arr.elem; break;
         case OP_give:
         case OP_take: w[4] = i->imm.frame.which, w[5] = i->imm.frame.place, w[6] = i->imm.frame.places; break;
+        case OP_told:
         case OP_query: w[4] = i->imm.query.geometry, w[5] = i->imm.query.what, w[6] = i->imm.query.base; break;
         case OP_constf:
         case OP_consti:

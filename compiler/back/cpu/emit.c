@@ -339,6 +339,7 @@ void emit_block(Emit *e, Block *b) {
         case OP_revloop: emit_revloop(e, i); break;
         case OP_rand:
         case OP_window:
+        case OP_ghost:
         case OP_custom: emit_fail(e, "%s was not lowered", ir_ops[i->op].name); break;
         default:
             if (!emit_slot(e, i)[0]) emit_memory_op(e, i);

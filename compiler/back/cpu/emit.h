@@ -142,6 +142,7 @@ void emit_print(Emit *e, Inst *i);
 
 /* ---- emit_query.c: searches along rays */
 void emit_query(Emit *e, Inst *i);
+void emit_told(Emit *e, Inst *i);
 
 /* ---- codegen.c: LLVM module -> text, object or assembly. Kinds as for back_emit; errors in *why (scratch arena). */
 typedef struct Codegen {

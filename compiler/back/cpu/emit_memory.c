@@ -67,6 +67,7 @@ void emit_memory_op(Emit *e, Inst *i) {
     case OP_dparam: emit_param(e, i); break;
     case OP_adj: emit_adjoint(e, i); break;
     case OP_query: emit_query(e, i); break;
+    case OP_told: emit_told(e, i); break;
     case OP_alloc: emit_alloc(e, i); break;
     case OP_load: emit_array_load(e, i); break;
     case OP_store: emit_array_store(e, i); break;

@@ -215,6 +215,8 @@ static Type *fixed_type(Checker *c, char letter) {
     case 'H': return c->t_hit;
     case 'S': return c->t_silhouette;
     case 'M': return c->t_mesh_hit;
+    case 'E': return c->t_beam;
+    case 'P': return c->t_piece;
     default: return NULL;
     }
 }

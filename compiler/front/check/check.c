@@ -40,7 +40,7 @@ bool in_glsl(const Checker *c) { return c->at.scope->module->glsl; }
 FuncInfo *func_info(Checker *c, const Func *f) { return &c->info[f->check_state - 1]; }
 
 Type *soft_type(Checker *c, const char *name) {
-    Type *const structs[] = {c->t_hit, c->t_silhouette, c->t_mesh_hit};
+    Type *const structs[] = {c->t_hit, c->t_silhouette, c->t_mesh_hit, c->t_beam, c->t_piece};
     for (size_t i = 0; i < sizeof structs / sizeof *structs; i++)
         if (structs[i] && !strcmp(name, structs[i]->name)) return structs[i];
     for (int k = 0; k < SLT_GEOMETRIES; k++)
@@ -282,6 +282,18 @@ static void fill_language(Checker *c) {
                         {"uv", f2, SPAN_NONE, NULL},         {"tri", c->t_int, SPAN_NONE, NULL},
                         {"part", c->t_int, SPAN_NONE, NULL}};
     c->t_mesh_hit = predeclared_struct(c, "MeshHit", mesh_hit, 7);
+    Field beam[] = {{"eye", f3, SPAN_NONE, NULL},
+                    {"corner", f3, SPAN_NONE, NULL},
+                    {"u", f3, SPAN_NONE, NULL},
+                    {"v", f3, SPAN_NONE, NULL}};
+    c->t_beam = predeclared_struct(c, "Beam", beam, 4);
+    /* The last two have names that nobody can write: where it is told of, and the beam, which its derivatives need. */
+    Field piece[] = {{"found", c->t_bool, SPAN_NONE, NULL},   {"area", c->t_float, SPAN_NONE, NULL},
+                     {"centre", f2, SPAN_NONE, NULL},         {"p", f3, SPAN_NONE, NULL},
+                     {"normal", f3, SPAN_NONE, NULL},         {"tri", c->t_int, SPAN_NONE, NULL},
+                     {"part", c->t_int, SPAN_NONE, NULL},     {"the unit", c->t_int, SPAN_NONE, NULL},
+                     {"the beam", c->t_beam, SPAN_NONE, NULL}};
+    c->t_piece = predeclared_struct(c, "Piece", piece, 9);
     c->t_hit = predeclared_struct(c, "Hit", hit, 4);
     c->t_silhouette = predeclared_struct(c, "Silhouette", silhouette, 3);
 }

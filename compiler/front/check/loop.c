@@ -396,6 +396,21 @@ static const char *unbounded_text(Loops *l) {
     return "its trip count is not bounded by constants";
 }
 
+/* q = m.next(q) */
+static bool takes_next(const Expr *e, const Symbol *q) {
+    return e && e->kind == E_ASSIGN && e->op == OPR_NONE && e->a[0]->kind == E_NAME && e->a[0]->sym == q &&
+           e->a[1]->kind == E_METHOD && e->a[1]->method == M_MESH_NEXT && e->a[1]->nargs == 1 &&
+           e->a[1]->args[0]->kind == E_NAME && e->a[1]->args[0]->sym == q;
+}
+
+/* Does the loop go over the pieces of a mesh, `for (Piece q = m.first(b); q.found; q = m.next(q))`? They are finite. */
+static bool visits_pieces(Loops *l, const Stmt *st) {
+    const Expr *e = strip(st->expr);
+    if (e->kind != E_FIELD || e->field || e->a[0]->kind != E_NAME || e->a[0]->type != l->c->t_piece) return false;
+    const Symbol *q = e->a[0]->sym;
+    return takes_next(st->step ? st->step : step_in_body(st->body, q), q);
+}
+
 static Trips count_trips(Loops *l, Stmt *st) {
     Trips t = {.most = UNKNOWN};
     Form f = {0};
@@ -413,6 +428,10 @@ static Trips count_trips(Loops *l, Stmt *st) {
         t.most = runs ? ENDLESS : st->kind == S_DO;
         t.exact = !runs;
         t.why = "its condition is always true";
+        return t;
+    }
+    if (visits_pieces(l, st)) {
+        t.most = CHECK_MAX_TRIPS;
         return t;
     }
     if (!find_form(l, st, st->expr, &f)) {

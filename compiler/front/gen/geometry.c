@@ -19,7 +19,7 @@ Val gen_method(Lower *l, Expr *e) {
     return sym->type->kind == T_GEOMETRY ? geometries[sym->type->n](l, e, sym) : gen_texture(l, e, sym);
 }
 
-static uint32_t number_of(Lower *l, Searched of) {
+uint32_t gen_geometry_number(Lower *l, Searched of) {
     for (uint32_t g = 0; g < l->geometries.len; g++)
         if (l->geometries.data[g].param == of.sym->param_index) return g;
     const Param *p = &l->program->params[of.sym->param_index];
@@ -36,7 +36,7 @@ static uint32_t number_of(Lower *l, Searched of) {
 }
 
 Inst *gen_query(Lower *l, Searched of, SltQuery what, const Ray *r) {
-    uint32_t g = number_of(l, of);
+    uint32_t g = gen_geometry_number(l, of);
     Inst *args[SLT_RAY_ROWS] = {r->x, r->y, r->z, r->dx, r->dy, r->dz, r->t0, r->t1, r->lift, r->lift_of};
     Imm imm = {.query = {g, what, l->geometries.data[g].base}};
     return special(l, OP_query, TY_INT, r->lift ? SLT_RAY_ROWS : SLT_RAY_POINT_ROWS, args, imm);

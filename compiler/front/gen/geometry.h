@@ -28,6 +28,8 @@ typedef struct Searched {
     double band;
 } Searched;
 
+/* The number of the geometry in Program.geometries, a new one where nothing has searched it yet. */
+uint32_t gen_geometry_number(Lower *l, Searched of);
 /* Returns the witness. */
 Inst *gen_query(Lower *l, Searched of, SltQuery what, const Ray *r);
 Inst *gen_found(Lower *l, Inst *witness); /* the witness is not SLT_WITNESS_NONE */

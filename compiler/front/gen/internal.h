@@ -165,6 +165,7 @@ typedef struct Lower {
     LoopCtx *loop;
     Tag tag;
     Inst *anchor;      /* first instruction of the Fn */
+    Inst *begun;       /* SLT_QUERY_BEGIN, once at the top; NULL: no pieces are looked for */
     Var *rand_counter; /* the number that the next rand() takes */
     Vec(Change) journal;
     uint32_t clock, stamps; /* counters behind Var.born, Var.stamp */

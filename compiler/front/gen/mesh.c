@@ -126,15 +126,192 @@ static Val trace(Lower *l, Expr *e, const Symbol *sym, const Ray *r, const Val *
     return v;
 }
 
+/* ---- visible pieces
+ *
+ * What a query has found, polygons, is constant for derivatives. A piece with sides on lines g_j = 0, g_j > 0 inside,
+ * changes by moving sides alone: of its area by the sum of the integrals of dg / |grad g| along them, exact, as dg is
+ * linear there; of the moments likewise, of products of two linear functions. So its area is what was found and the
+ * ghost of that sum (OP_ghost), with the ends of the sides held. */
+
+enum {
+    BEAM_EYE = 0,
+    BEAM_CORNER = 3,
+    BEAM_U = 6,
+    BEAM_V = 9,
+    PIECE_UNIT = 12,
+    PIECE_BEAM = 13
+}; /* among their parts */
+
+typedef struct Beam {
+    const Symbol *sym;
+    uint32_t geometry;
+    Inst *const *eye, *const *u, *const *v;
+    Vec3 c; /* of the window's first corner, from the eye */
+} Beam;
+
+static Beam beam_of(Lower *l, const Symbol *sym, Inst *const *parts) {
+    Beam b = {.sym = sym,
+              .geometry = gen_geometry_number(l, (Searched){.sym = sym}),
+              .eye = parts + BEAM_EYE,
+              .u = parts + BEAM_U,
+              .v = parts + BEAM_V};
+    minus(l, parts + BEAM_CORNER, b.eye, b.c);
+    return b;
+}
+
+/* The direction from the eye to a place of the window. */
+static void towards(Lower *l, const Beam *b, Inst *s, Inst *t, Vec3 out) {
+    for (int a = 0; a < 3; a++) out[a] = add(l, b->c[a], add(l, mul(l, s, b->u[a]), mul(l, t, b->v[a])));
+}
+
+static Inst *told(Lower *l, const Beam *b, uint32_t which, Inst *unit, IrType t) {
+    return special(l, OP_told, t, 1, &unit, (Imm){.query = {b->geometry, which, 0}});
+}
+
+static void vertex_from(Lower *l, const Beam *b, Inst *number, Vec3 out) {
+    const Symbol *sym = b->sym;
+    Inst *at = op2(l, OP_imul, clamp_index(l, number, false, sym->nvertices), ki(l, 3));
+    for (uint32_t a = 0; a < 3; a++) out[a] = sub(l, param_float(l, sym, a, at, 3 * (sym->nvertices - 1)), b->eye[a]);
+}
+
+/* The plane of a triangle seen from the eye: d . normal / det is 1 / t. */
+static void plane_from(Lower *l, const Beam *b, Inst *tri, Vec3 normal, Inst **det) {
+    Vec3 corner[3], p, q;
+    corners(l, b->sym, tri, corner);
+    for (int k = 0; k < 3; k++) minus(l, corner[k], b->eye, corner[k]);
+    minus(l, corner[1], corner[0], p);
+    minus(l, corner[2], corner[0], q);
+    cross(l, p, q, normal);
+    *det = dot_n(l, corner[0], normal, 3);
+}
+
+static Inst *triangle_in(Lower *l, const Symbol *sym, Inst *tri) { return clamp_index(l, tri, false, sym->nfaces); }
+
+static Inst *depth_at(Lower *l, const Beam *b, Inst *tri, Inst *const d[3]) {
+    Vec3 n;
+    Inst *det;
+    plane_from(l, b, triangle_in(l, b->sym, tri), n, &det);
+    return op2(l, OP_fdiv, dot_n(l, d, n, 3), det);
+}
+
+/* g of a side at both its ends. */
+static void side_at_ends(Lower *l, const Beam *b, Inst *one, Inst *two, Vec3 end[2], Inst *g[2]) {
+    Var *out = var_new(l, TY_FLT, 2);
+    IfCtx c;
+    for (int k = 0; k < 2; k++) out[k].value = kf(l, 0);
+    if_begin(l, &c, op2(l, OP_ilt, two, ki(l, 0)));
+    for (int k = 0; k < 2; k++)
+        var_set(l, &out[k],
+                sub(l, depth_at(l, b, one, end[k]), depth_at(l, b, op2(l, OP_isub, ki(l, -1), two), end[k])));
+    if_else(l, &c);
+    Vec3 p, q, n;
+    vertex_from(l, b, one, p);
+    vertex_from(l, b, two, q);
+    cross(l, p, q, n);
+    for (int k = 0; k < 2; k++) var_set(l, &out[k], dot_n(l, end[k], n, 3));
+    if_end(l, &c);
+    for (int k = 0; k < 2; k++) g[k] = var_get(l, &out[k]);
+}
+
+/* Sums over the sides: what they add to the area, and to its moments about the centroid. */
+static void moving_sides(Lower *l, const Beam *b, Inst *unit, Inst *const centre[2], Inst *sum[3]) {
+    Var *out = var_new(l, TY_FLT, 3);
+    Inst *sides = told(l, b, SLT_PIECE_SIDES, unit, TY_INT);
+    IfCtx some;
+    for (int k = 0; k < 3; k++) out[k].value = kf(l, 0);
+    if_begin(l, &some, op2(l, OP_ilt, ki(l, 0), sides));
+    LoopCtx c = {0};
+    VarList carried = {0};
+    for (int k = 0; k < 3; k++) vec_push(l->arena, &carried, &out[k]);
+    loop_begin(l, &c, &carried, (LoopInfo){.max_iters = SLT_PIECE_MAX_SIDES});
+    Inst *side = op2(l, OP_iadd, op2(l, OP_iadd, unit, c.k), ki(l, 1)), *at[2][2], *g[2];
+    Vec3 end[2];
+    for (uint32_t k = 0; k < 2; k++) {
+        for (uint32_t a = 0; a < 2; a++) at[k][a] = told(l, b, SLT_SIDE_S0 + 2 * k + a, side, TY_FLT);
+        towards(l, b, at[k][0], at[k][1], end[k]);
+    }
+    side_at_ends(l, b, told(l, b, SLT_SIDE_A, side, TY_INT), told(l, b, SLT_SIDE_B, side, TY_INT), end, g);
+    Inst *weight = told(l, b, SLT_SIDE_WEIGHT, side, TY_FLT), *both = add(l, g[0], g[1]);
+    var_set(l, &out[0], add(l, var_get(l, &out[0]), mul(l, mul(l, weight, kf(l, 0.5)), both)));
+    for (int a = 0; a < 2; a++) {
+        Inst *part = kf(l, 0);
+        for (int k = 0; k < 2; k++) part = add(l, part, mul(l, sub(l, at[k][a], centre[a]), add(l, both, g[k])));
+        var_set(l, &out[1 + a], add(l, var_get(l, &out[1 + a]), mul(l, mul(l, weight, kf(l, 1.0 / 6)), part)));
+    }
+    loop_end(l, &c, op2(l, OP_ilt, c.k, op2(l, OP_isub, sides, ki(l, 1))));
+    if_else(l, &some);
+    if_end(l, &some);
+    for (int k = 0; k < 3; k++) sum[k] = var_get(l, &out[k]);
+}
+
+static Val piece_of(Lower *l, Type *type, const Symbol *sym, Inst *unit, Inst *const *parts) {
+    Val v = val_new(l, type);
+    const Beam beam = beam_of(l, sym, parts), *b = &beam;
+    Inst *found = v.c[0] = op2(l, OP_ine, unit, ki(l, SLT_WITNESS_NONE));
+    Inst *area = told(l, b, SLT_PIECE_AREA, unit, TY_FLT), *held[2], *sum[3];
+    for (uint32_t a = 0; a < 2; a++) held[a] = told(l, b, SLT_PIECE_S + a, unit, TY_FLT);
+    moving_sides(l, b, unit, held, sum);
+    v.c[1] = add(l, area, op1(l, OP_ghost, sum[0]));
+    Inst *whole = sel(l, found, area, kf(l, 1));
+    for (int a = 0; a < 2; a++) v.c[2 + a] = add(l, held[a], op1(l, OP_ghost, op2(l, OP_fdiv, sum[1 + a], whole)));
+    Inst *tri = triangle_in(l, sym, told(l, b, SLT_PIECE_TRIANGLE, unit, TY_INT)), *det;
+    Vec3 d, n;
+    towards(l, b, v.c[2], v.c[3], d);
+    plane_from(l, b, tri, n, &det);
+    Inst *t = op2(l, OP_fdiv, det, sel(l, found, dot_n(l, d, n, 3), kf(l, 1))),
+         *length = op1(l, OP_fsqrt, sel(l, found, dot_n(l, n, n, 3), kf(l, 1)));
+    for (int a = 0; a < 3; a++) {
+        v.c[4 + a] = sel(l, found, add(l, b->eye[a], mul(l, t, d[a])), b->eye[a]);
+        v.c[7 + a] = sel(l, found, op2(l, OP_fdiv, n[a], length), kf(l, 0));
+    }
+    v.c[10] = sel(l, found, tri, ki(l, -1));
+    v.c[11] = sel(l, found, of_triangle(l, sym, sym->nfaces * SLT_MESH_FACE, SLT_MESH_PART, 0, tri), ki(l, -1));
+    v.c[PIECE_UNIT] = unit;
+    for (int k = 0; k < SLT_BEAM_ROWS; k++) v.c[PIECE_BEAM + k] = parts[k];
+    return v;
+}
+
+/* SLT_QUERY_BEGIN, at the top: what is found later stays as long as the samples in hand. */
+static Inst *begun(Lower *l, uint32_t geometry) {
+    if (l->begun) return l->begun;
+    Builder at = ir_after(l->fn, l->anchor);
+    Inst *begin = ir_special(&at, OP_query, TY_INT, 0, NULL,
+                             (Imm){.query = {geometry, SLT_QUERY_BEGIN, l->geometries.data[geometry].base}});
+    return l->begun = ir_emit1(&at, OP_i2f, begin);
+}
+
+static Val first(Lower *l, Expr *e, const Symbol *sym) {
+    Val beam = gen_expr(l, e->args[0]);
+    uint32_t geometry = gen_geometry_number(l, (Searched){.sym = sym});
+    Inst *args[SLT_BEAM_ROWS + 1];
+    for (int k = 0; k < SLT_BEAM_ROWS; k++) args[k] = beam.c[k];
+    args[SLT_BEAM_ROWS] = begun(l, geometry);
+    Inst *unit = special(l, OP_query, TY_INT, SLT_BEAM_ROWS + 1, args,
+                         (Imm){.query = {geometry, SLT_QUERY_PIECES, l->geometries.data[geometry].base}});
+    return piece_of(l, e->type, sym, unit, beam.c);
+}
+
+static Val next(Lower *l, Expr *e, const Symbol *sym) {
+    Val q = gen_expr(l, e->args[0]);
+    const Beam b = {.sym = sym, .geometry = gen_geometry_number(l, (Searched){.sym = sym})};
+    Inst *unit = q.c[PIECE_UNIT], *none = op2(l, OP_ilt, unit, ki(l, 0));
+    unit = sel(l, none, ki(l, SLT_WITNESS_NONE), told(l, &b, SLT_PIECE_NEXT, unit, TY_INT));
+    return piece_of(l, e->type, sym, unit, q.c + PIECE_BEAM);
+}
+
 Val gen_mesh(Lower *l, Expr *e, const Symbol *sym) {
     const MethodInfo *method = &methods[e->method];
-    const char *why = l->quiet      ? "is asked by the shader itself, not by bounds and initial values"
-                      : l->tag.disc ? "is no site yet: its silhouettes are not integrated, so take [Disc] away"
-                                    : NULL;
+    bool pieces = e->method == M_MESH_FIRST || e->method == M_MESH_NEXT;
+    const char *why = l->quiet ? "is asked by the shader itself, not by bounds and initial values"
+                      : l->tag.disc && !pieces
+                          ? "is no site yet: its silhouettes are not integrated, so take [Disc] away"
+                          : NULL;
     if (why) {
         diag_emit(l->s, DIAG_geometry_query, e->span, method->name, sym->type->name, why);
         gen_giveup(l);
     }
+    if (e->method == M_MESH_FIRST) return first(l, e, sym);
+    if (e->method == M_MESH_NEXT) return next(l, e, sym);
     Val o = gen_expr(l, e->args[0]), d = gen_expr(l, e->args[1]);
     Inst *t0 = gen_scalar(l, e->args[2]), *t1 = gen_scalar(l, e->args[3]);
     Ray r = {.x = o.c[0], .y = o.c[1], .z = o.c[2], .dx = d.c[0], .dy = d.c[1], .dz = d.c[2], .t0 = t0, .t1 = t1};

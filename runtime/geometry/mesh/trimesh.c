@@ -1,6 +1,8 @@
 /* Making, following and freeing meshes; what answers which query. */
 #include "trimesh.h"
 
+#include "pieces.h"
+
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -26,11 +28,16 @@ static const BvhSearches *searches(TrimeshIsa isa) {
 
 /* ---- queries */
 
+static BvhScene scene_of(const SltGeometry *g, const void *values) {
+    const Trimesh *m = g->made;
+    bool moved = g != &m->base.shared; /* a copy for finite differences */
+    return (BvhScene){.bvh = &m->bvh, .moved = moved ? values : NULL, .slack = moved ? (double)g->slack : 0};
+}
+
 static void ask(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width, bool any,
                 int32_t *witness) {
     const Trimesh *m = g->made;
-    bool moved = g != &m->base.shared; /* a copy for finite differences */
-    const BvhScene s = {.bvh = &m->bvh, .moved = moved ? values : NULL, .slack = moved ? (double)g->slack : 0};
+    const BvhScene s = scene_of(g, values);
     m->rays->by[m->from.f64](&s, rays, mask, width, any, witness);
 }
 
@@ -44,6 +51,28 @@ static void occluded(const SltGeometry *g, const void *values, const void *rays,
     ask(g, values, rays, mask, width, true, witness);
 }
 
+static void begin(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
+                  int32_t *witness) {
+    (void)g, (void)values, (void)rays, (void)mask;
+    pieces_begin();
+    for (uint32_t k = 0; k < width; k++) witness[k] = 0;
+}
+
+static void pieces(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
+                   int32_t *witness) {
+    const BvhScene s = scene_of(g, values);
+    pieces_find(&s, values, rays, mask, width, witness);
+}
+
+static void tell(const SltGeometry *g, uint32_t which, const int32_t *unit, uint64_t mask, uint32_t width, void *told) {
+    const bool f64 = ((const Trimesh *)g->made)->from.f64;
+    for (uint32_t k = 0; k < width; k++) {
+        double v = mask >> k & 1 ? pieces_told(f64, unit[k], which) : 0;
+        if (f64) ((double *)told)[k] = v;
+        else ((float *)told)[k] = (float)v;
+    }
+}
+
 /* Of boxes of rays nothing is known yet. */
 static void blocked(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
                     int32_t *witness) {
@@ -53,7 +82,7 @@ static void blocked(const SltGeometry *g, const void *values, const void *rays, 
 
 /* ---- the seam */
 
-static const uint32_t searching = 1u << SLT_QUERY_TRACE | 1u << SLT_QUERY_OCCLUDED;
+static const uint32_t searching = 1u << SLT_QUERY_TRACE | 1u << SLT_QUERY_OCCLUDED | 1u << SLT_QUERY_PIECES;
 
 static void release(SltGeometry *g) {
     Trimesh *m = (Trimesh *)g;
@@ -90,8 +119,11 @@ SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void
     if (m->has_tree) {
         m->base.shared.query[SLT_QUERY_TRACE] = trace;
         m->base.shared.query[SLT_QUERY_OCCLUDED] = occluded;
+        m->base.shared.query[SLT_QUERY_PIECES] = pieces;
     }
     m->base.shared.query[SLT_QUERY_BLOCKED] = blocked;
+    m->base.shared.query[SLT_QUERY_BEGIN] = begin;
+    m->base.shared.tell = tell;
     *out = &m->base.shared;
     return SLT_OK;
 }
