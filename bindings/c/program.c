@@ -135,6 +135,17 @@ bool api_looks_like_glsl(const char *text) {
     return false;
 }
 
+/* Does f read where in a pixel a sample lies, or which one it is? */
+static bool reads_sample(const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_input && i->imm.i < SLT_IN_VARYING && i->imm.i != IN_PIXEL0 && i->imm.i != IN_PIXEL1)
+            return true;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (reads_sample(i->region[r])) return true;
+    }
+    return false;
+}
+
 static void compile_body(Session *s, void *arg) {
     Compile *c = arg;
     SltProgram *p = c->p;
@@ -195,6 +206,7 @@ static void compile_body(Session *s, void *arg) {
     p->passes.session = s, p->passes.program = prog, p->passes.has_fma = p->target.has_fma;
     start = now_ms();
     pipeline_primal(&p->passes, prog->primal);
+    p->scene.pixelwise = !prog->uses_rand && !reads_sample(prog->primal->body);
     p->ms_passes = now_ms() - start;
 }
 

@@ -37,8 +37,13 @@ static SltStatus need_image(const SltJob *j, const char *what, SltError *err) {
     return status_fail(err, SLT_USAGE, "%s needs an image, not an integral", what);
 }
 
+/* One sample tells all of a pixel. */
+static bool is_told(const SltScene *s, const SltJob *j) {
+    return s->pixelwise && !slt_estimate_by_differences(j->estimator);
+}
+
 bool slt_estimate_has_choice(const SltScene *s, const SltJob *j) {
-    return j->estimator == SLT_EST_AUTO && quadrature_hopes(s, j);
+    return j->estimator == SLT_EST_AUTO && !is_told(s, j) && quadrature_hopes(s, j);
 }
 
 SltEstimator slt_estimate_choose(const SltScene *s, const SltJob *j, SltStats *stats) {
@@ -48,6 +53,12 @@ SltEstimator slt_estimate_choose(const SltScene *s, const SltJob *j, SltStats *s
 
 /* The job with an estimator that the scene has the kernels for; `own` is room for it. */
 static const SltJob *settle(const SltScene *s, const SltJob *j, SltJob *own, SltStats *stats) {
+    if (is_told(s, j)) {
+        *own = *j;
+        own->estimator = SLT_EST_LATTICE, own->interior = SLT_INTERIOR_SAMPLES;
+        own->samples = own->replicates = own->spp = 1, own->centred = true;
+        return own;
+    }
     if (j->estimator != SLT_EST_AUTO && j->estimator != SLT_EST_QUADRATURE) return j;
     *own = *j;
     if (!quadrature_can(s)) own->estimator = SLT_EST_LATTICE;
@@ -70,8 +81,9 @@ SltStatus slt_estimate_render(const SltScene *s, const SltJob *j, int half, floa
                               SltError *err) {
     Run r;
     SltJob own;
+    if (j->estimator == SLT_EST_QUADRATURE || j->interior == SLT_INTERIOR_QUADRATURE || is_told(s, j))
+        j = settle(s, j, &own, stats);
     bool cells = half == 0 && j->interior != SLT_INTERIOR_SAMPLES && !(j->centred && !j->integral);
-    if (j->estimator == SLT_EST_QUADRATURE || j->interior == SLT_INTERIOR_QUADRATURE) j = settle(s, j, &own, stats);
     if (j->estimator == SLT_EST_QUADRATURE && cells)
         return j->integral ? render_integral(s, j, out, stats, err) : quadrature_render(s, j, out, stats, err);
     SltStatus st = run_begin(&r, s, j, err);
@@ -162,7 +174,7 @@ static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const 
                          double *gradient, double *stderr_bound, SltStats *stats, SltError *err) {
     bool halves = adjoint[0] != adjoint[1];
     Run r;
-    uint32_t classes = stderr_bound ? COSETS : 1;
+    uint32_t classes = stderr_bound && !is_told(s, j) ? COSETS : 1;
     double *part[COSETS] = {0}, *missed = NULL, *smooth = NULL; /* smooth: without the boundary term */
     float *mean = NULL, *noise = NULL;
     uint8_t *starved = NULL;
