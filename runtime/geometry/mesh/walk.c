@@ -16,7 +16,10 @@ enum {
     MOST_FLAT = 16        /* faces without area that are passed at one edge */
 };
 #define FLAT 1e-28      /* of such a face the square of the sine between its sides */
-#define SAME_DEPTH 1e-12 /* parts of the greater t */
+/* Of equal t up to rounding, in parts of the greater: which face a ray meets was decided in the mesh's precision. */
+#define SAME_DEPTH(f) ((f)->mesh->f64 ? 0x1p-40 : 0x1p-20)
+/* What parts two rays may be nearer to one of them than rounding, and the walk passes it. */
+#define BEYOND 2.0
 
 /* The rays from one end of a pair to the other. */
 typedef struct Family {
@@ -219,12 +222,12 @@ static Outcome walk(const Family *f, Place *at, double until, bool edges, Line *
 static bool same_depth(const Family *f, int32_t a, int32_t b, double s) {
     if (a == b) return true;
     double t = t_at(f, a, s), u = t_at(f, b, s);
-    return fabs(t - u) <= SAME_DEPTH * fmax(fabs(t), fabs(u));
+    return fabs(t - u) <= SAME_DEPTH(f) * fmax(fabs(t), fabs(u));
 }
 
 static bool in_front(const Family *f, int32_t a, int32_t b, double s) {
     double t = t_at(f, a, s), u = t_at(f, b, s);
-    return t < u - SAME_DEPTH * fmax(fabs(t), fabs(u));
+    return t < u - SAME_DEPTH(f) * fmax(fabs(t), fabs(u));
 }
 
 /* Two surfaces from one s on, a in front of b, until b is in front: the faces that cross. */
@@ -248,11 +251,13 @@ static Outcome find_crossing(const Family *f, Place a, Place b, double until, Li
 static Outcome between(const Family *f, const Family *back, int32_t a, int32_t b, bool edges, Line *line) {
     Place pa = {.face = a, .over = -1}, pb = {.face = b, .over = -1};
     if (a < 0 || b < 0) {
-        Outcome o = a >= 0 ? walk(f, &pa, 1, edges, line) : walk(back, &pb, 1, edges, line);
-        return o == PARTED ? PARTED : LOST; /* what arrives there would have been met */
+        Outcome o = a >= 0 ? walk(f, &pa, BEYOND, edges, line) : walk(back, &pb, BEYOND, edges, line);
+        return o == PARTED ? PARTED : LOST;
     }
     Outcome from_a = walk(f, &pa, 1, edges, line);
-    if (from_a == LOST || (from_a == ARRIVED && same_depth(f, pa.face, b, 1))) return from_a;
+    if (from_a == LOST) return LOST;
+    if (from_a == ARRIVED && same_depth(f, pa.face, b, 1))
+        return edges ? walk(back, &pb, BEYOND, edges, line) : ARRIVED;
     double end = pa.s; /* up to here goes the surface of a, from `begin` on that of b */
     Line of_b;
     Outcome from_b = walk(back, &pb, 1 - end, edges, &of_b);
