@@ -26,8 +26,10 @@ static const char *site_kind_name(SiteKind k) {
     case SITE_ROUND: return "round";
     case SITE_TRUNC: return "trunc";
     case SITE_FMOD: return "fmod";
-    case SITE_SILHOUETTE: return "silhouette";
-    case SITE_SHADOW: return "shadow";
+    case SITE_SILHOUETTE:
+    case SITE_MESH: return "silhouette";
+    case SITE_SHADOW:
+    case SITE_MESH_SHADOW: return "shadow";
     }
     return "?";
 }

@@ -44,4 +44,20 @@ enum {
     SLT_SIDE_T1
 };
 
+/* The rows of SLT_QUERY_BETWEEN: a ray, its partner, the face that either meets (below 0: none), what parts them and
+ * which of its two numbers is asked for.
+ *
+ * The numbers are those of a side, SLT_SIDE_A and SLT_SIDE_B; and of the triangle a that passes an end of the rays b is
+ * a (t = t0) or ~a (t = t1). Kernels hand them on as floats of their precision. */
+enum {
+    SLT_PAIR_OTHER = 8,
+    SLT_PAIR_FACE = 16,
+    SLT_PAIR_OTHER_FACE,
+    SLT_PAIR_EDGES, /* not 0: any edge of their faces does; else the two must see different surfaces */
+    SLT_PAIR_WHICH, /* 0 a, 1 b */
+    SLT_PAIR_ROWS
+};
+enum { SLT_BETWEEN_LOST = -4 };    /* for a: something may part them, and it was not found */
+enum { SLT_MESH_EXACT = 1 << 24 }; /* vertices and triangles that floats in single precision number */
+
 #endif

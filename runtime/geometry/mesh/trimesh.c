@@ -2,6 +2,7 @@
 #include "trimesh.h"
 
 #include "pieces.h"
+#include "walk.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -64,6 +65,13 @@ static void pieces(const SltGeometry *g, const void *values, const void *rays, u
     pieces_find(&s, values, rays, mask, width, witness);
 }
 
+static void between(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
+                    int32_t *witness) {
+    const Trimesh *m = g->made;
+    const WalkMesh w = {.adjacency = &m->adjacency, .face = m->from.faces, .vertex = values, .f64 = m->from.f64};
+    walk_between(&w, rays, mask, width, witness);
+}
+
 static void tell(const SltGeometry *g, uint32_t which, const int32_t *unit, uint64_t mask, uint32_t width, void *told) {
     const bool f64 = ((const Trimesh *)g->made)->from.f64;
     for (uint32_t k = 0; k < width; k++) {
@@ -88,13 +96,14 @@ static void release(SltGeometry *g) {
     Trimesh *m = (Trimesh *)g;
     if (!m) return;
     if (m->has_tree) bvh_free(&m->bvh);
+    if (m->has_adjacency) adjacency_free(&m->adjacency);
     free(m);
 }
 
 static void describe(Trimesh *m) {
     if (m->has_tree)
-        snprintf(m->text, sizeof m->text, "tree of boxes, %u nodes of 8, %u leaves, %s", m->bvh.nnodes, m->bvh.nleaves,
-                 m->rays->name);
+        snprintf(m->text, sizeof m->text, "tree of boxes, %u nodes of 8, %u leaves, %s%s", m->bvh.nnodes,
+                 m->bvh.nleaves, m->rays->name, m->has_adjacency ? "; neighbours of faces" : "");
     else snprintf(m->text, sizeof m->text, "no tree");
 }
 
@@ -115,7 +124,14 @@ SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void
         release(&m->base.shared);
         return status_fail(err, SLT_LIMIT, "out of memory for the tree of a mesh of %u triangles", from->nfaces);
     }
+    m->has_adjacency = from->queries & 1u << SLT_QUERY_BETWEEN;
+    if (m->has_adjacency && !adjacency_make(&m->adjacency, from->faces, from->nfaces, from->nvertices)) {
+        m->has_adjacency = false;
+        release(&m->base.shared);
+        return status_fail(err, SLT_LIMIT, "out of memory for the neighbours of %u triangles", from->nfaces);
+    }
     describe(m);
+    if (m->has_adjacency) m->base.shared.query[SLT_QUERY_BETWEEN] = between;
     if (m->has_tree) {
         m->base.shared.query[SLT_QUERY_TRACE] = trace;
         m->base.shared.query[SLT_QUERY_OCCLUDED] = occluded;
@@ -158,7 +174,7 @@ static double growth(const SltGeometry *g, const void *from, const void *to) {
 
 static size_t held(const SltGeometry *g) {
     const Trimesh *m = g->made;
-    return m->has_tree ? bvh_bytes(&m->bvh) : 0;
+    return (m->has_tree ? bvh_bytes(&m->bvh) : 0) + (m->has_adjacency ? adjacency_bytes(&m->adjacency) : 0);
 }
 
 static const char *text(const SltGeometry *g) { return ((const Trimesh *)g->made)->text; }
