@@ -90,20 +90,6 @@ static void add_background(Scene *s) {
     }
 }
 
-/* Triangles anywhere, of any size, which cross. */
-static void add_soup(Scene *s, uint32_t n, double size, uint64_t *state) {
-    for (uint32_t i = 0; i < n; i++) {
-        double at[3];
-        int32_t v[3];
-        for (int a = 0; a < 3; a++) at[a] = 2 * scene_uniform(state) - 1;
-        for (int k = 0; k < 3; k++)
-            v[k] =
-                scene_vertex(s, at[0] + size * (scene_uniform(state) - 0.5),
-                             at[1] + size * (scene_uniform(state) - 0.5), at[2] + size * (scene_uniform(state) - 0.5));
-        scene_face(s, v[0], v[1], v[2]);
-    }
-}
-
 /* Vertices on a grid with few depths, faces over any three of them, some twice; the window's borders run through them,
  * and now and then the eye is between them or on one. */
 static void degenerate(Scene *s, uint64_t *state) {
@@ -151,7 +137,7 @@ static void test_fills_the_window(void **state) {
     for (uint32_t round = 0; round < 60; round++) {
         static Scene s;
         s = (Scene){0};
-        add_soup(&s, 1 + 2 * round, round % 2 ? 2.5 : 0.5, &seed);
+        scene_soup(&s, 1 + 2 * round, round % 2 ? 2.5 : 0.5, &seed);
         add_background(&s);
         plain_window(&s);
         see(&s, true, &now);
@@ -167,7 +153,7 @@ static void test_reference(void **state) {
     for (uint32_t round = 0; round < 30; round++) {
         static Scene s;
         s = (Scene){0};
-        add_soup(&s, 1 + round, 1.7, &seed);
+        scene_soup(&s, 1 + round, 1.7, &seed);
         plain_window(&s);
         if (round % 5 == 1) s.beam[SLT_BEAM_EYE + 2] = 0; /* inside */
         if (round % 5 == 2)
@@ -184,7 +170,7 @@ static void test_any_order(void **state) {
     static Seen one, other;
     for (uint32_t round = 0; round < 40; round++) {
         s = (Scene){0};
-        add_soup(&s, 150, round % 2 ? 1.5 : 0.4, &seed);
+        scene_soup(&s, 150, round % 2 ? 1.5 : 0.4, &seed);
         add_background(&s);
         plain_window(&s);
         turned = s;
@@ -248,7 +234,7 @@ static void test_nothing(void **state) {
     static Scene s;
     static Seen now;
     uint64_t seed = 5;
-    add_soup(&s, 20, 1, &seed);
+    scene_soup(&s, 20, 1, &seed);
     plain_window(&s);
     const Scene whole = s;
     for (int broken = 0; broken < 6; broken++) {
