@@ -60,7 +60,7 @@ typedef struct GeometryOps {
     void (*changed)(SltGeometry *g, uint64_t first, uint64_t count);
     uint64_t (*follow)(SltGeometry *g, const void *values);
     double (*growth)(const SltGeometry *g, const void *from,
-                     const void *to); /* what a copy for `to` adds to slack, >= 0 */
+                     const void *to);   /* what a copy for `to` adds to slack, >= 0 */
     bool (*lost)(const SltGeometry *g); /* NULL: never */
     size_t (*bytes)(const SltGeometry *g);
     const char *(*describe)(const SltGeometry *g);

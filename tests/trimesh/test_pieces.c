@@ -33,10 +33,15 @@ static SltGeometry *made(const Scene *s, bool f64) {
 }
 
 static double told(const SltGeometry *g, bool f64, int32_t unit, uint32_t which) {
-    double wide;
-    float narrow;
-    g->tell(g, which, &unit, 1, 1, f64 ? (void *)&wide : &narrow);
-    return f64 ? wide : (double)narrow;
+    const size_t at = (size_t)unit * SLT_TOLD + which;
+    return f64 ? ((const double *)g->told())[at] : (double)((const float *)g->told())[at];
+}
+
+static int32_t told_int(const SltGeometry *g, bool f64, int32_t unit, uint32_t which) {
+    int32_t v;
+    memcpy(&v, (const char *)g->told() + ((size_t)unit * SLT_TOLD + which) * (f64 ? sizeof(double) : sizeof(float)),
+           sizeof v);
+    return v;
 }
 
 static int32_t first_piece(const SltGeometry *g, const Scene *s, bool f64) {
@@ -51,8 +56,8 @@ static int32_t first_piece(const SltGeometry *g, const Scene *s, bool f64) {
 
 static void see_through(const SltGeometry *g, const Scene *s, bool f64, Seen *out) {
     memset(out, 0, sizeof *out);
-    for (int32_t unit = first_piece(g, s, f64); unit >= 0; unit = (int32_t)told(g, f64, unit, SLT_PIECE_NEXT)) {
-        const uint32_t face = (uint32_t)told(g, f64, unit, SLT_PIECE_TRIANGLE);
+    for (int32_t unit = first_piece(g, s, f64); unit; unit = told_int(g, f64, unit, SLT_PIECE_NEXT)) {
+        const uint32_t face = (uint32_t)told_int(g, f64, unit, SLT_PIECE_TRIANGLE);
         const double area = told(g, f64, unit, SLT_PIECE_AREA),
                      at[2] = {told(g, f64, unit, SLT_PIECE_S), told(g, f64, unit, SLT_PIECE_T)};
         assert_true(face < s->nfaces && area > 0);
