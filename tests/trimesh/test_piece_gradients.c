@@ -149,6 +149,98 @@ static void test_single(void **state) {
     if (!(most < 1e-4 * scale)) fail_msg("%g", most / scale);
 }
 
+/* ---- flat subdivision: an edge's line goes on along the next edge */
+
+/* Each face in four, each new vertex in the middle of two: between[k] are those of vertex before + k. */
+static void subdivide(const Scene *s, Scene *out, int32_t (*between)[2]) {
+    *out = *s;
+    out->nfaces = 0;
+    uint32_t n = 0;
+    for (uint32_t f = 0; f < s->nfaces; f++) {
+        const int32_t *corner = s->face[f];
+        int32_t middle[3];
+        for (int k = 0; k < 3; k++) {
+            const int32_t a = corner[k], b = corner[(k + 1) % 3];
+            uint32_t i = 0;
+            while (i < n && !((between[i][0] == a && between[i][1] == b) || (between[i][0] == b && between[i][1] == a)))
+                i++;
+            middle[k] = (int32_t)(s->nvertices + i);
+            if (i < n) continue;
+            between[n][0] = a, between[n][1] = b, n++;
+            scene_vertex(out, 0.5 * (s->at[a][0] + s->at[b][0]), 0.5 * (s->at[a][1] + s->at[b][1]),
+                         0.5 * (s->at[a][2] + s->at[b][2]));
+        }
+        for (int k = 0; k < 3; k++) scene_face(out, corner[k], middle[k], middle[(k + 2) % 3]);
+        scene_face(out, middle[0], middle[1], middle[2]);
+    }
+}
+
+/* Linear in the centre, so that no subdivision changes the value. */
+static const char linear[] = "    float sum = 0.0;\n"
+                             "    for (Piece q = m.first(b); q.found; q = m.next(q))\n"
+                             "        sum += q.area * (1.0 + 0.3 * float((q.tri / FACES) % 5) + q.centre.x * 0.4\n"
+                             "                         - q.centre.y + 0.5 * q.normal.x - 0.3 * q.normal.z);\n"
+                             "    return sum;\n";
+
+static uint32_t gradient_of_linear(const Scene *s, int faces, double *gradient) {
+    SltOptions opt = precision(true);
+    char body[1024], *at;
+    memcpy(body, linear, sizeof linear);
+    at = strstr(body, "FACES");
+    memcpy(at, "    ", 4), at[4] = (char)('0' + faces % 10);
+    if (faces > 9) at[3] = (char)('0' + faces / 10);
+    SltProgram *p = compile(s, fixed_beam, body, &opt);
+    const uint32_t n = slt_float_count(p);
+    gradient_of(p, gradient);
+    slt_program_free(p);
+    return n;
+}
+
+/* A ball before a plate of two faces, one through the other at its border. */
+static void ball_and_plate(Scene *s) {
+    static const double corner[6][3] = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
+    *s = (Scene){0};
+    for (int i = 0; i < 6; i++)
+        scene_vertex(s, 0.7 * corner[i][0] + 0.03 * corner[i][1], 0.6 * corner[i][1] + 0.1 * corner[i][2],
+                     0.5 * corner[i][2] - 0.1 * corner[i][0]);
+    for (int i = 0; i < 8; i++) {
+        const int32_t x = i & 1, y = 2 + (i >> 1 & 1), z = 4 + (i >> 2 & 1);
+        const bool odd = ((x + y + z) & 1) != 0;
+        scene_face(s, x, odd ? z : y, odd ? y : z);
+    }
+    const int32_t a = scene_vertex(s, -0.9, -0.8, -0.5), b = scene_vertex(s, 1.1, -0.85, -0.3),
+                  c = scene_vertex(s, 0.95, 0.9, -0.6), d = scene_vertex(s, -0.85, 0.8, 0.2);
+    scene_face(s, a, b, c), scene_face(s, a, c, d);
+    set_beam(s, 3, -1, 2);
+}
+
+static void test_subdivided(void **state) {
+    (void)state;
+    static Scene level[3];
+    static int32_t between[2][SCENE_VERTICES][2];
+    static double want[MOST_FLOATS], got[MOST_FLOATS];
+    ball_and_plate(&level[0]);
+    const uint32_t n = gradient_of_linear(&level[0], 1, want);
+    double scale = 0, error = worst(&level[0], everything);
+    if (!(error < 1e-8)) fail_msg("%g", error);
+    for (uint32_t i = 0; i < n; i++) scale = fmax(scale, fabs(want[i]));
+    for (int k = 1; k < 3; k++) {
+        subdivide(&level[k - 1], &level[k], between[k - 1]);
+        gradient_of_linear(&level[k], k == 1 ? 4 : 16, got);
+        /* Back to the vertices that those of the finer mesh are made from. */
+        for (int fine = k; fine > 0; fine--)
+            for (uint32_t v = level[fine].nvertices; v-- > level[fine - 1].nvertices;)
+                for (int a = 0; a < 3; a++) {
+                    const int32_t *of = between[fine - 1][v - level[fine - 1].nvertices];
+                    for (int i = 0; i < 2; i++) got[3 * of[i] + a] += 0.5 * got[3 * v + (uint32_t)a];
+                }
+        memmove(got + 3 * level[0].nvertices, got + 3 * level[k].nvertices, SLT_BEAM_ROWS * sizeof *got);
+        for (uint32_t i = 0; i < n; i++)
+            if (!(fabs(got[i] - want[i]) < 1e-6 * scale))
+                fail_msg("level %d, component %u: %.12g, %.12g", k, i, got[i], want[i]);
+    }
+}
+
 /* ---- what runs it */
 
 enum { SIZE = 24 };
@@ -222,6 +314,7 @@ static void test_forwards(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_differences), cmocka_unit_test(test_single),
-                                       cmocka_unit_test(test_same_bits), cmocka_unit_test(test_forwards)};
+                                       cmocka_unit_test(test_subdivided), cmocka_unit_test(test_same_bits),
+                                       cmocka_unit_test(test_forwards)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
