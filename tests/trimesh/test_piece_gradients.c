@@ -182,14 +182,16 @@ static const char linear[] = "    float sum = 0.0;\n"
                              "                         - q.centre.y + 0.5 * q.normal.x - 0.3 * q.normal.z);\n"
                              "    return sum;\n";
 
+static const char *linear_of(int faces, char body[1024]) {
+    memcpy(body, linear, sizeof linear);
+    memcpy(strstr(body, "FACES"), faces == 1 ? "    1" : faces == 4 ? "    4" : "   16", 5);
+    return body;
+}
+
 static uint32_t gradient_of_linear(const Scene *s, int faces, double *gradient) {
     SltOptions opt = precision(true);
-    char body[1024], *at;
-    memcpy(body, linear, sizeof linear);
-    at = strstr(body, "FACES");
-    memcpy(at, "    ", 4), at[4] = (char)('0' + faces % 10);
-    if (faces > 9) at[3] = (char)('0' + faces / 10);
-    SltProgram *p = compile(s, fixed_beam, body, &opt);
+    char body[1024];
+    SltProgram *p = compile(s, fixed_beam, linear_of(faces, body), &opt);
     const uint32_t n = slt_float_count(p);
     gradient_of(p, gradient);
     slt_program_free(p);
@@ -221,12 +223,15 @@ static void test_subdivided(void **state) {
     static double want[MOST_FLOATS], got[MOST_FLOATS];
     ball_and_plate(&level[0]);
     const uint32_t n = gradient_of_linear(&level[0], 1, want);
-    double scale = 0, error = worst(&level[0], everything);
-    if (!(error < 1e-8)) fail_msg("%g", error);
+    double scale = 0;
     for (uint32_t i = 0; i < n; i++) scale = fmax(scale, fabs(want[i]));
     for (int k = 1; k < 3; k++) {
         subdivide(&level[k - 1], &level[k], between[k - 1]);
         gradient_of_linear(&level[k], k == 1 ? 4 : 16, got);
+        if (k == 1) { /* a vertex between two edges that are one line moves them apart */
+            double error = worst(&level[k], linear_of(4, (char[1024]){0}));
+            if (!(error < 1e-6)) fail_msg("%g", error);
+        }
         /* Back to the vertices that those of the finer mesh are made from. */
         for (int fine = k; fine > 0; fine--)
             for (uint32_t v = level[fine].nvertices; v-- > level[fine - 1].nvertices;)

@@ -6,6 +6,7 @@
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <sys/resource.h>
 
 #include <cmocka.h>
 
@@ -261,9 +262,41 @@ static void test_nothing(void **state) {
     assert_true(now.pieces > 0 && now.face[0][0] == 0);
 }
 
+/* Queries do not fail; what there was no memory for is known afterwards. */
+static void test_no_memory(void **state) {
+    (void)state;
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+    static Scene s;
+    struct rlimit was, now;
+    bool lost = false;
+    uint64_t seed = 6;
+    scene_soup(&s, 100, 1, &seed);
+    plain_window(&s);
+    SltGeometry *g = made(&s, true);
+    (void)first_piece(g, &s, true);
+    assert_false(geometry_lost(g));
+    assert_int_equal(getrlimit(RLIMIT_AS, &was), 0);
+    now = was, now.rlim_cur = 1;
+    assert_int_equal(setrlimit(RLIMIT_AS, &now), 0);
+    for (uint32_t i = 0; i < 200000 && !lost; i++) {
+        int32_t unit;
+        g->query[SLT_QUERY_PIECES](g, s.at, s.beam, 1, 1, &unit); /* nothing is forgotten in between */
+        lost = geometry_lost(g);
+    }
+    assert_int_equal(setrlimit(RLIMIT_AS, &was), 0);
+    assert_true(lost);
+    static Seen after;
+    see_through(g, &s, true, &after);
+    assert_false(geometry_lost(g));
+    assert_true(after.pieces > 50);
+    geometry_free(g);
+#endif
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_fills_the_window), cmocka_unit_test(test_reference), cmocka_unit_test(test_any_order),
-        cmocka_unit_test(test_degenerate),       cmocka_unit_test(test_many),      cmocka_unit_test(test_nothing)};
+        cmocka_unit_test(test_degenerate),       cmocka_unit_test(test_many),      cmocka_unit_test(test_nothing),
+        cmocka_unit_test(test_no_memory)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
