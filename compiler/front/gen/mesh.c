@@ -247,7 +247,7 @@ static void moving_sides(Lower *l, const Beam *b, Inst *unit, Inst *const centre
 static Val piece_of(Lower *l, Type *type, const Symbol *sym, Inst *unit, Inst *const *parts) {
     Val v = val_new(l, type);
     const Beam beam = beam_of(l, sym, parts), *b = &beam;
-    Inst *found = v.c[0] = op2(l, OP_ine, unit, ki(l, SLT_WITNESS_NONE));
+    Inst *found = v.c[0] = op2(l, OP_ine, unit, ki(l, 0));
     Inst *area = told(l, b, SLT_PIECE_AREA, unit, TY_FLT), *held[2], *sum[3];
     for (uint32_t a = 0; a < 2; a++) held[a] = told(l, b, SLT_PIECE_S + a, unit, TY_FLT);
     moving_sides(l, b, unit, held, sum);
@@ -294,8 +294,7 @@ static Val first(Lower *l, Expr *e, const Symbol *sym) {
 static Val next(Lower *l, Expr *e, const Symbol *sym) {
     Val q = gen_expr(l, e->args[0]);
     const Beam b = {.sym = sym, .geometry = gen_geometry_number(l, (Searched){.sym = sym})};
-    Inst *unit = q.c[PIECE_UNIT], *none = op2(l, OP_ilt, unit, ki(l, 0));
-    unit = sel(l, none, ki(l, SLT_WITNESS_NONE), told(l, &b, SLT_PIECE_NEXT, unit, TY_INT));
+    Inst *unit = told(l, &b, SLT_PIECE_NEXT, q.c[PIECE_UNIT], TY_INT);
     return piece_of(l, e->type, sym, unit, q.c + PIECE_BEAM);
 }
 
