@@ -187,6 +187,7 @@ typedef struct Lower {
     uint32_t depth;  /* regions around this place */
     bool in_tangent; /* in a function that [Tangent] names: no sites, no records */
     bool quiet;      /* not the shader itself (initialisers, bounds): no sites, no records */
+    bool records;    /* quiet, but for records */
     Layout *layout_cache[256];
     jmp_buf *giveup;
 } Lower;

@@ -314,7 +314,7 @@ static Val smooth_normal(Lower *l, Expr *e, const Symbol *sym) {
     minus(l, corner[1], corner[0], p);
     minus(l, corner[2], corner[0], q);
     cross(l, p, q, across);
-    Inst *whole = dot_n(l, across, across, 3), *real = op2(l, OP_flt, kf(l, 0), whole);
+    Inst *whole = dot_n(l, across, across, 3), *real = op2(l, OP_fne, whole, kf(l, 0));
     for (int k = 0; k < 3; k++) minus(l, corner[k], hit.c + HIT_P, from[k]);
     for (uint32_t k = 0; k < 3; k++) {
         cross(l, from[(k + 1) % 3], from[(k + 2) % 3], part);
@@ -322,7 +322,7 @@ static Val smooth_normal(Lower *l, Expr *e, const Symbol *sym) {
         of_vertex(l, sym, gen_normals(l, sym), of_triangle(l, sym, 0, SLT_MESH_FACE, k, tri), normal);
         for (int a = 0; a < 3; a++) sum[a] = add(l, sum[a], mul(l, area, normal[a]));
     }
-    Inst *square = dot_n(l, sum, sum, 3), *some = op2(l, OP_band, found, op2(l, OP_flt, kf(l, 0), square)),
+    Inst *square = dot_n(l, sum, sum, 3), *some = op2(l, OP_band, found, op2(l, OP_fne, square, kf(l, 0))),
          *length = op1(l, OP_fsqrt, sel(l, some, square, kf(l, 1)));
     for (int a = 0; a < 3; a++) v.c[a] = sel(l, some, op2(l, OP_fdiv, sum[a], length), kf(l, 0));
     return v;
