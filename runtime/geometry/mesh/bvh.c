@@ -204,7 +204,7 @@ static Box fill_leaf(Bvh *b, uint32_t leaf, const void *values) {
         if (is) box_add(&box, &own);
         for (int c = 0; c < 3; c++)
             for (int a = 0; a < 3; a++) {
-                double v = is ? corner(b, values, (uint32_t)triangle[k], c, a) : 0;
+                double v = is ? corner(b, values, (uint32_t)triangle[k], c, a) : (double)NAN;
                 if (b->f64) ((BvhLeaf64 *)b->leaf)[leaf].at[c][a][k] = v;
                 else ((BvhLeaf32 *)b->leaf)[leaf].at[c][a][k] = (float)v;
             }
