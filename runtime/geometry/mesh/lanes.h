@@ -3,6 +3,7 @@
  *
  *   F8, D8  eight floats or doubles     F16  sixteen floats
  *   lower(a, b)  a < b ? a : b          higher(a, b)  a > b ? a : b     so where either is NaN: b
+ *   chosen(m, a, b)  bit k of m ? a[k] : b[k]             least_of(a)  the least lane
  *   less(a, b)   bit k: a[k] < b[k]     upto(a, b)    bit k: a[k] <= b[k]
  *
  * Functions are always inlined: no vector is passed by an ABI. */
@@ -108,6 +109,34 @@ LANES_IN_PARTS(F8, I8, 8)
 LANES_IN_PARTS(D8, L8, 8)
 #endif
 
+INLINE F8 chosen_F8(uint64_t m, F8 a, F8 b) {
+    const I8 bit = {1, 2, 4, 8, 16, 32, 64, 128}, on = ((bit & (int32_t)m) != 0);
+    return (F8)((on & (I8)a) | (~on & (I8)b));
+}
+INLINE D8 chosen_D8(uint64_t m, D8 a, D8 b) {
+    const L8 bit = {1, 2, 4, 8, 16, 32, 64, 128}, on = ((bit & (int64_t)m) != 0);
+    return (D8)((on & (L8)a) | (~on & (L8)b));
+}
+INLINE float least_of_F8(F8 a) {
+    a = lower_F8(a, __builtin_shufflevector(a, a, 4, 5, 6, 7, 0, 1, 2, 3));
+    a = lower_F8(a, __builtin_shufflevector(a, a, 2, 3, 0, 1, 6, 7, 4, 5));
+    return a[0] < a[1] ? a[0] : a[1];
+}
+INLINE double least_of_D8(D8 a) {
+    a = lower_D8(a, __builtin_shufflevector(a, a, 4, 5, 6, 7, 0, 1, 2, 3));
+    a = lower_D8(a, __builtin_shufflevector(a, a, 2, 3, 0, 1, 6, 7, 4, 5));
+    return a[0] < a[1] ? a[0] : a[1];
+}
+#if defined(__AVX512VL__)
+INLINE F16 chosen_F16(uint64_t m, F16 a, F16 b) { return (F16)_mm512_mask_mov_ps((__m512)b, (__mmask16)m, (__m512)a); }
+INLINE float least_of_F16(F16 a) { return _mm512_reduce_min_ps((__m512)a); }
+INLINE uint32_t equal(I16 a, int32_t b) { return _mm512_cmpeq_epi32_mask((__m512i)a, _mm512_set1_epi32(b)); }
+#elif defined(__AVX2__)
+INLINE uint32_t equal(I8 a, int32_t b) { return (uint32_t)_mm256_movemask_ps((__m256)(a == b)); }
+#else
+INLINE uint32_t equal(I8 a, int32_t b) { return bits_F8(a == b); }
+#endif
+
 #if defined(__AVX512VL__)
 #define LANES_OF(op, a) _Generic((a), F8: op##_F8, F16: op##_F16, D8: op##_D8)
 typedef F16 Many; /* floats at once */
@@ -121,6 +150,8 @@ typedef I8 Whether;
 #define higher(a, b) LANES_OF(higher, a)(a, b)
 #define less(a, b) LANES_OF(less, a)(a, b)
 #define upto(a, b) LANES_OF(upto, a)(a, b)
+#define chosen(m, a, b) LANES_OF(chosen, a)(m, a, b)
+#define least_of(a) LANES_OF(least_of, a)(a)
 
 /* Not below v, by no more than a few units in its last place. */
 INLINE float outwards_of(double v) {
@@ -130,6 +161,8 @@ INLINE float outwards_of(double v) {
 
 /* The lowest n bits, n from 1 to 64. */
 #define LOW_BITS(n) (~(uint64_t)0 >> (64 - (n)))
-enum { RAYS = 64 };
+enum { PACKET = 8, FEW = 3 };
+#define SPREAD 0.25f
+enum { RAYS = 64, MANY = sizeof(Many) / sizeof(float) };
 
 #endif

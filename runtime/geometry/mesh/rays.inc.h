@@ -37,6 +37,7 @@
 #define moved_leaf FN(moved_leaf)
 #define take FN(take)
 #define descend FN(descend)
+#define same_way FN(same_way)
 #define search FN(search)
 
 /* Group: rays that are worked on at once; Whole: what its comparisons give; Narrow: as many floats. */
@@ -258,10 +259,30 @@ static void descend(const BvhScene *s, Rays *r, uint32_t k, int32_t at, bool any
     }
 }
 
+#include "packet.inc.h"
+
+/* Which rays of `left` go the same way as ray k. */
+INLINE uint64_t same_way(const Rays *r, uint32_t k, uint64_t left) {
+    uint64_t same = 0;
+    for (uint32_t i = 0; i < RAYS; i += MANY)
+        if (left >> i & LOW_BITS(MANY)) same |= (uint64_t)equal(*(const Whether *)(r->way + i), r->way[k]) << i;
+    return same & left;
+}
+
 static void search(const BvhScene *s, const void *rays, uint64_t mask, uint32_t width, bool any, int32_t *witness) {
     Rays r;
-    uint64_t left = set_rays(&r, s, rays, mask, width);
-    for (uint64_t k = left; k; k &= k - 1) descend(s, &r, (uint32_t)__builtin_ctzll(k), 0, any);
+    const uint64_t fine = set_rays(&r, s, rays, mask, width);
+    for (uint64_t left = fine; left;) {
+        const uint32_t k = (uint32_t)__builtin_ctzll(left);
+        const uint64_t same = __builtin_popcountll(left) >= PACKET ? same_way(&r, k, left) : 0;
+        if (__builtin_popcountll(same) >= PACKET) {
+            descend_packet(s, &r, same, any);
+            left &= ~same;
+        } else {
+            descend(s, &r, k, 0, any);
+            left &= left - 1;
+        }
+    }
     for (uint32_t k = 0; k < width; k++)
-        witness[k] = !(left >> k & 1) || r.triangle[k] < 0 ? SLT_WITNESS_NONE : any ? 0 : r.triangle[k];
+        witness[k] = !(fine >> k & 1) || r.triangle[k] < 0 ? SLT_WITNESS_NONE : any ? 0 : r.triangle[k];
 }
