@@ -109,6 +109,7 @@ LANES_IN_PARTS(F8, I8, 8)
 LANES_IN_PARTS(D8, L8, 8)
 #endif
 
+INLINE F8 all_F8(float v) { return (F8){v, v, v, v, v, v, v, v}; }
 INLINE F8 chosen_F8(uint64_t m, F8 a, F8 b) {
     const I8 bit = {1, 2, 4, 8, 16, 32, 64, 128}, on = ((bit & (int32_t)m) != 0);
     return (F8)((on & (I8)a) | (~on & (I8)b));
@@ -153,6 +154,30 @@ typedef I8 Whether;
 #define chosen(m, a, b) LANES_OF(chosen, a)(m, a, b)
 #define least_of(a) LANES_OF(least_of, a)(a)
 
+#if defined(__AVX512F__)
+INLINE D8 wide_F8(F8 v) { return (D8)_mm512_cvtps_pd((__m256)v); }
+INLINE F8 narrow_D8(D8 v) { return (F8)_mm512_cvtpd_ps((__m512d)v); }
+#else
+INLINE D8 wide_F8(F8 v) { return __builtin_convertvector(v, D8); }
+INLINE F8 narrow_D8(D8 v) { return __builtin_convertvector(v, F8); }
+#endif
+
+/* Bit k: bit n of the byte k, of 64 that are aligned. */
+INLINE uint64_t column(const uint8_t *bytes, uint32_t n) {
+#if defined(__AVX512BW__)
+    return _mm512_test_epi8_mask(*(const __m512i *)bytes, _mm512_set1_epi8((char)(1 << n)));
+#else
+    uint64_t all = 0;
+#if defined(__SSE2__)
+    for (int k = 0; k < 4; k++)
+        all |= (uint64_t)(uint32_t)_mm_movemask_epi8(_mm_slli_epi16(((const __m128i *)bytes)[k], 7 - (int)n)) << 16 * k;
+#else
+    for (int k = 0; k < 64; k++) all |= (uint64_t)(bytes[k] >> n & 1) << k;
+#endif
+    return all;
+#endif
+}
+
 /* Not below v, by no more than a few units in its last place. */
 INLINE float outwards_of(double v) {
     const float near = (float)v;
@@ -161,7 +186,7 @@ INLINE float outwards_of(double v) {
 
 /* The lowest n bits, n from 1 to 64. */
 #define LOW_BITS(n) (~(uint64_t)0 >> (64 - (n)))
-enum { PACKET = 8, FEW = 3 };
+enum { PACKET = 8, FEW = 3, ALONE = 1 };
 #define SPREAD 0.25f
 enum { RAYS = 64, MANY = sizeof(Many) / sizeof(float) };
 

@@ -162,7 +162,8 @@ INLINE void meet_packet(const Leaf *l, const Packet *p, Rays *r, uint64_t who) {
     }
 }
 
-static void descend_packet(const BvhScene *s, Rays *r, uint64_t who, bool any) {
+/* False, and nothing done, where they are too far apart. */
+static bool descend_packet(const BvhScene *s, Rays *r, uint64_t who, bool any) {
     typedef struct {
         float at[8];
     } Enters;
@@ -172,10 +173,7 @@ static void descend_packet(const BvhScene *s, Rays *r, uint64_t who, bool any) {
         uint64_t who;
     } stack[BVH_STACK];
     Packet p;
-    if (!packet_set(&p, r, who)) {
-        for (; who; who &= who - 1) descend(s, r, (uint32_t)__builtin_ctzll(who), 0, any);
-        return;
-    }
+    if (!packet_set(&p, r, who)) return false;
     uint32_t depth = 0, at = 0;
     uint64_t here = who;
     for (;;) {
@@ -192,7 +190,7 @@ static void descend_packet(const BvhScene *s, Rays *r, uint64_t who, bool any) {
         }
         /* Until another node is entered. */
         for (;;) {
-            if (!depth) return;
+            if (!depth) return true;
             const struct Waiting *w = &stack[--depth];
             if (w->enter > p.end) continue;
             n = &s->bvh->node[w->node];
@@ -212,7 +210,7 @@ static void descend_packet(const BvhScene *s, Rays *r, uint64_t who, bool any) {
             }
             for (uint64_t k = any ? here : 0; k; k &= k - 1)
                 if (r->triangle[__builtin_ctzll(k)] >= 0) who &= ~(k & -k);
-            if (!who) return;
+            if (!who) return true;
             float least;
             bounds_of_floats(r->end, who, &least, &p.end);
         }

@@ -36,7 +36,11 @@
 #define meet_leaf FN(meet_leaf)
 #define moved_leaf FN(moved_leaf)
 #define take FN(take)
+#define go_down FN(go_down)
 #define descend FN(descend)
+#define all FN(all)
+#define wide FN(wide)
+#define of_wide FN(of_wide)
 #define same_way FN(same_way)
 #define search FN(search)
 
@@ -118,19 +122,31 @@ INLINE uint32_t set_group(Rays *r, const BvhScene *s, uint32_t k) {
 
 /* Bits: of the rays that can meet anything. */
 INLINE uint64_t set_rays(Rays *r, const BvhScene *s, const flt *rays, uint64_t mask, uint32_t width) {
-    const uint32_t n = (width + GROUP - 1) / GROUP * GROUP;
     flt *const row[8] = {r->o[0], r->o[1], r->o[2], r->d[0], r->d[1], r->d[2], r->t0, r->t};
-    for (int k = 0; k < 8; k++) {
-        memcpy(row[k], rays + (size_t)k * width, width * sizeof(flt));
-        memset(row[k] + width, 0, (n - width) * sizeof(flt));
-    }
     uint64_t fine = 0;
-    for (uint32_t k = 0; k < n; k += GROUP)
-        if (mask >> k & LOW_BITS(GROUP)) fine |= (uint64_t)set_group(r, s, k) << k;
+    for (uint32_t k = 0; k < width; k += GROUP) {
+        if (!(mask >> k & LOW_BITS(GROUP))) continue;
+        for (uint32_t c = 0; c < 8; c++) {
+            const flt *from = rays + (size_t)c * width + k;
+            if (k + GROUP <= width) memcpy(row[c] + k, from, sizeof(Group));
+            else
+                for (uint32_t i = 0; i < GROUP; i++) row[c][k + i] = k + i < width ? from[i] : 0;
+        }
+        fine |= (uint64_t)set_group(r, s, k) << k;
+    }
     return fine & mask & LOW_BITS(width);
 }
 
 /* ---- triangles */
+
+#if F64
+INLINE D8 wide(D8 v) { return v; }
+INLINE D8 of_wide(D8 v) { return v; }
+#else
+INLINE D8 wide(F8 v) { return wide_F8(v); }
+INLINE F8 of_wide(D8 v) { return narrow_D8(v); }
+#endif
+INLINE Flt8 all(flt v) { return (Flt8){v, v, v, v, v, v, v, v}; }
 
 /* Which of eight pairs of a ray and a triangle meet, and where: x, y across the ray, z the t of corners. */
 INLINE uint32_t inside(const Flt8 x[3], const Flt8 y[3], const Flt8 z[3], Flt8 low, Flt8 high, Flt8 *t) {
@@ -138,12 +154,11 @@ INLINE uint32_t inside(const Flt8 x[3], const Flt8 y[3], const Flt8 z[3], Flt8 l
     uint32_t plus = 0, minus = 0;
     for (int c = 0; c < 3; c++) {
         const int p = (c + 1) % 3, q = (c + 2) % 3;
-        e[c] = __builtin_convertvector(x[p], D8) * __builtin_convertvector(y[q], D8) -
-               __builtin_convertvector(y[p], D8) * __builtin_convertvector(x[q], D8);
+        e[c] = wide(x[p]) * wide(y[q]) - wide(y[p]) * wide(x[q]);
         plus |= less((D8){0}, e[c]), minus |= less(e[c], (D8){0});
-        sum += e[c], at += e[c] * __builtin_convertvector(z[c], D8);
+        sum += e[c], at += e[c] * wide(z[c]);
     }
-    *t = lower(high, higher(low, __builtin_convertvector(at / sum, Flt8)));
+    *t = lower(high, higher(low, of_wide(at / sum)));
     return plus ^ minus;
 }
 
@@ -171,7 +186,7 @@ INLINE void meet_leaf(const Leaf *l, Rays *r, uint32_t k) {
         plus |= less(other, one), minus |= less(one, other);
     }
     const Flt8 low = lower(z[2], lower(z[1], z[0])), high = higher(z[2], higher(z[1], z[0]));
-    uint32_t may = ~(plus & minus) & upto(low, (Flt8){0} + r->t[k]) & upto((Flt8){0} + r->t0[k], high);
+    uint32_t may = ~(plus & minus) & upto(low, all(r->t[k])) & upto(all(r->t0[k]), high);
     if (!may) return;
     Flt8 t;
     may &= inside(x, y, z, low, high, &t);
@@ -195,53 +210,49 @@ static void moved_leaf(const BvhScene *s, const Leaf *l, Leaf *now) {
 }
 
 /* Ray k against what is under `at`. */
-static void descend(const BvhScene *s, Rays *r, uint32_t k, int32_t at, bool any) {
-    typedef struct {
-        float at[8];
-    } Enters;
+INLINE void go_down(const BvhScene *s, Rays *r, uint32_t k, int32_t at, bool any) {
     struct Waiting {
         float enter;
         int32_t child;
-    } stack[BVH_STACK];
-    uint32_t depth = 0;
+    } stack[BVH_STACK], *top = stack;
     size_t close[3];
     F8 near[3], far[3], inverse[3];
-    const F8 begin = (F8){0} + r->begin[k];
+    const F8 begin = all_F8(r->begin[k]);
     for (int a = 0; a < 3; a++) {
         close[a] = (size_t)(r->way[k] & 4 << a ? 24 : 0) + 8 * (size_t)a;
-        near[a] = (F8){0} + r->near[a][k], far[a] = (F8){0} + r->far[a][k], inverse[a] = (F8){0} + r->inverse[a][k];
+        near[a] = all_F8(r->near[a][k]), far[a] = all_F8(r->far[a][k]), inverse[a] = all_F8(r->inverse[a][k]);
     }
+    F8 end = all_F8(r->end[k]);
     for (;;) {
         if (at >= 0) {
             const BvhNode *n = &s->bvh->node[at];
             const float *box = n->lo[0];
-            F8 in = begin, out = (F8){0} + r->end[k];
+            F8 in = begin, out = end;
             for (int a = 0; a < 3; a++) {
                 in = higher((*(const F8 *)(box + close[a]) - near[a]) * inverse[a], in);
-                out = lower((*(const F8 *)(box + (24 + 16 * (size_t)a - close[a])) - far[a]) * inverse[a], out);
+                out = lower((*(const F8 *)((box - close[a]) + 24 + 16 * a) - far[a]) * inverse[a], out);
             }
             uint32_t hit = upto(in, out);
             if (hit) {
-                Enters enter;
-                memcpy(&enter, &in, sizeof enter);
-                int i = __builtin_ctz(hit);
-                hit &= hit - 1;
+                float enter[8] __attribute__((aligned(32)));
+                *(F8 *)enter = in;
+                uint32_t i = (uint32_t)__builtin_ctz(hit);
                 at = n->child[i];
-                float nearest = enter.at[i];
+                if (!(hit &= hit - 1)) continue;
                 /* The nearest next; the others wait, the nearest of them on top. */
-                uint32_t bottom = depth;
-                while (hit) {
-                    i = __builtin_ctz(hit);
-                    hit &= hit - 1;
-                    struct Waiting other = {enter.at[i], n->child[i]};
+                float nearest = enter[i];
+                struct Waiting *const bottom = top;
+                do {
+                    i = (uint32_t)__builtin_ctz(hit);
+                    struct Waiting other = {enter[i], n->child[i]};
                     if (other.enter < nearest) {
-                        struct Waiting first = {nearest, at};
+                        const struct Waiting first = {nearest, at};
                         nearest = other.enter, at = other.child, other = first;
                     }
-                    uint32_t j = depth++;
-                    for (; j > bottom && stack[j - 1].enter < other.enter; j--) stack[j] = stack[j - 1];
-                    stack[j] = other;
-                }
+                    struct Waiting *place = top++;
+                    for (; !any && place > bottom && place[-1].enter < other.enter; place--) *place = place[-1];
+                    *place = other;
+                } while (hit &= hit - 1);
                 continue;
             }
         } else {
@@ -250,15 +261,22 @@ static void descend(const BvhScene *s, Rays *r, uint32_t k, int32_t at, bool any
             if (s->moved) moved_leaf(s, l, &now), l = &now;
             meet_leaf(l, r, k);
             if (any && r->triangle[k] >= 0) return;
+            end = all_F8(r->end[k]);
         }
         do {
-            if (!depth) return;
-            depth--;
-        } while (stack[depth].enter > r->end[k]);
-        at = stack[depth].child;
+            if (top == stack) return;
+            top--;
+        } while (!any && top->enter > end[0]);
+        at = top->child;
     }
 }
 
+static void descend(const BvhScene *s, Rays *r, uint32_t k, int32_t at, bool any) {
+    if (any) go_down(s, r, k, at, true);
+    else go_down(s, r, k, at, false);
+}
+
+#include "mixed.inc.h"
 #include "packet.inc.h"
 
 /* Which rays of `left` go the same way as ray k. */
@@ -272,17 +290,16 @@ INLINE uint64_t same_way(const Rays *r, uint32_t k, uint64_t left) {
 static void search(const BvhScene *s, const void *rays, uint64_t mask, uint32_t width, bool any, int32_t *witness) {
     Rays r;
     const uint64_t fine = set_rays(&r, s, rays, mask, width);
+    uint64_t apart = 0;
     for (uint64_t left = fine; left;) {
-        const uint32_t k = (uint32_t)__builtin_ctzll(left);
-        const uint64_t same = __builtin_popcountll(left) >= PACKET ? same_way(&r, k, left) : 0;
-        if (__builtin_popcountll(same) >= PACKET) {
-            descend_packet(s, &r, same, any);
-            left &= ~same;
-        } else {
-            descend(s, &r, k, 0, any);
-            left &= left - 1;
-        }
+        const uint64_t first = left & -left;
+        const uint64_t same =
+            __builtin_popcountll(left) >= PACKET ? same_way(&r, (uint32_t)__builtin_ctzll(left), left) : first;
+        if (__builtin_popcountll(same) < PACKET || !descend_packet(s, &r, same, any)) apart |= same;
+        left &= ~same;
     }
+    if (apart & (apart - 1)) descend_mixed(s, &r, apart, any);
+    else if (apart) descend(s, &r, (uint32_t)__builtin_ctzll(apart), 0, any);
     for (uint32_t k = 0; k < width; k++)
         witness[k] = !(fine >> k & 1) || r.triangle[k] < 0 ? SLT_WITNESS_NONE : any ? 0 : r.triangle[k];
 }
