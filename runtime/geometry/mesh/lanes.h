@@ -187,7 +187,20 @@ INLINE float outwards_of(double v) {
 /* The lowest n bits, n from 1 to 64. */
 #define LOW_BITS(n) (~(uint64_t)0 >> (64 - (n)))
 enum { PACKET = 8, FEW = 3, ALONE = 1 };
+#define NEAR 0.25
 #define SPREAD 0.25f
 enum { RAYS = 64, MANY = sizeof(Many) / sizeof(float) };
+
+/* The least and the most of the rays `who` of a row. */
+INLINE void bounds_of_floats(const float *row, uint64_t who, float *least, float *most) {
+    Many low, high;
+    low = high = (Many){0} + row[__builtin_ctzll(who)];
+    for (uint32_t k = 0; k < RAYS; k += MANY)
+        if (who >> k & LOW_BITS(MANY)) {
+            const Many v = chosen(who >> k & LOW_BITS(MANY), *(const Many *)(row + k), low);
+            low = lower(v, low), high = higher(v, high);
+        }
+    *least = least_of(low), *most = -least_of(-high);
+}
 
 #endif

@@ -2,6 +2,7 @@
  * rays. One ray after the other is tested against a node's eight boxes, without a decision in between; then the node's
  * children in turn are entered by the rays that pass them. A ray that is left alone goes on alone. */
 #define pass_boxes FN(pass_boxes)
+#define near_each_other FN(near_each_other)
 #define descend_mixed FN(descend_mixed)
 
 /* Which boxes of the node ray k passes. */
@@ -16,6 +17,17 @@ INLINE uint32_t pass_boxes(const BvhNode *n, const Rays *r, uint32_t k, F8 *ente
     }
     *enter = in;
     return upto(in, out);
+}
+
+/* Do they begin so near each other that they meet the same nodes at first? */
+INLINE bool near_each_other(const BvhScene *s, const Rays *r, uint64_t who) {
+    const float apart = (float)(s->bvh->magnitude * NEAR);
+    for (int a = 0; a < 3; a++) {
+        float least, most;
+        bounds_of_floats(r->near[a], who, &least, &most);
+        if (!(most - least <= apart)) return false;
+    }
+    return true;
 }
 
 static void descend_mixed(const BvhScene *s, Rays *r, uint64_t who, bool any) {

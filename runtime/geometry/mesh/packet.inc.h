@@ -7,7 +7,6 @@
  * by the intervals of their sheared corners, which lie on one side of all rays. */
 #define Packet FN(BvhPacket)
 #define bounds_of FN(bounds_of)
-#define bounds_of_floats FN(bounds_of_floats)
 #define packet_set FN(packet_set)
 #define before_all FN(before_all)
 #define beside_all FN(beside_all)
@@ -29,17 +28,6 @@ INLINE void bounds_of(const flt *row, uint64_t who, flt *least, flt *most) {
     for (uint32_t k = 0; k < RAYS; k += GROUP)
         if (who >> k & LOW_BITS(GROUP)) {
             const Group v = chosen(who >> k & LOW_BITS(GROUP), *(const Group *)(row + k), low);
-            low = lower(v, low), high = higher(v, high);
-        }
-    *least = least_of(low), *most = -least_of(-high);
-}
-
-INLINE void bounds_of_floats(const float *row, uint64_t who, float *least, float *most) {
-    Many low, high;
-    low = high = (Many){0} + row[__builtin_ctzll(who)];
-    for (uint32_t k = 0; k < RAYS; k += MANY)
-        if (who >> k & LOW_BITS(MANY)) {
-            const Many v = chosen(who >> k & LOW_BITS(MANY), *(const Many *)(row + k), low);
             low = lower(v, low), high = higher(v, high);
         }
     *least = least_of(low), *most = -least_of(-high);

@@ -298,8 +298,9 @@ static void search(const BvhScene *s, const void *rays, uint64_t mask, uint32_t 
         if (__builtin_popcountll(same) < PACKET || !descend_packet(s, &r, same, any)) apart |= same;
         left &= ~same;
     }
-    if (apart & (apart - 1)) descend_mixed(s, &r, apart, any);
-    else if (apart) descend(s, &r, (uint32_t)__builtin_ctzll(apart), 0, any);
+    if (__builtin_popcountll(apart) >= PACKET && near_each_other(s, &r, apart)) descend_mixed(s, &r, apart, any);
+    else
+        for (; apart; apart &= apart - 1) descend(s, &r, (uint32_t)__builtin_ctzll(apart), 0, any);
     for (uint32_t k = 0; k < width; k++)
         witness[k] = !(fine >> k & 1) || r.triangle[k] < 0 ? SLT_WITNESS_NONE : any ? 0 : r.triangle[k];
 }
