@@ -30,14 +30,13 @@ INLINE bool near_each_other(const BvhScene *s, const Rays *r, uint64_t who) {
     return true;
 }
 
-static void descend_mixed(const BvhScene *s, Rays *r, uint64_t who, bool any) {
+static void descend_mixed(const BvhScene *s, Rays *r, uint64_t who, int32_t at, bool any) {
     struct Waiting {
         uint64_t who;
         int32_t child;
         float enter;
     } stack[BVH_STACK];
     uint32_t depth = 0;
-    int32_t at = 0;
     uint64_t here = who;
     for (;;) {
         const BvhNode *n = &s->bvh->node[at];
@@ -55,6 +54,7 @@ static void descend_mixed(const BvhScene *s, Rays *r, uint64_t who, bool any) {
         for (uint32_t child = 0; child < BVH_WIDTH; child++) {
             const struct Waiting w = {column(pass, child), n->child[child], enter[child]};
             if (!w.who) continue;
+            fetch(s, w.child);
             uint32_t i = depth++;
             for (; i > bottom && stack[i - 1].enter < w.enter; i--) stack[i] = stack[i - 1];
             stack[i] = w;
@@ -65,15 +65,10 @@ static void descend_mixed(const BvhScene *s, Rays *r, uint64_t who, bool any) {
             depth--;
             here = stack[depth].who & who;
             at = stack[depth].child;
-            if (__builtin_popcountll(here) <= ALONE)
-                for (uint64_t k = here; k; k &= k - 1) descend(s, r, (uint32_t)__builtin_ctzll(k), at, any);
-            else if (at >= 0) break;
-            else {
-                const Leaf *l = (const Leaf *)s->bvh->leaf + ~at;
-                Leaf now;
-                if (s->moved) moved_leaf(s, l, &now), l = &now;
-                for (uint64_t k = here; k; k &= k - 1) meet_leaf(l, r, (uint32_t)__builtin_ctzll(k));
-            }
+            if (!here) continue;
+            if (at < 0) meet_each(s, r, here, ~at);
+            else if (here & (here - 1)) break;
+            else descend(s, r, (uint32_t)__builtin_ctzll(here), at, any);
             for (uint64_t k = any ? here : 0; k; k &= k - 1)
                 if (r->triangle[__builtin_ctzll(k)] >= 0) who &= ~(k & -k);
             if (!who) return;

@@ -105,7 +105,10 @@ INLINE uint32_t beside_all(const Leaf *l, const Packet *p) {
 }
 
 /* Rays against the triangles of a leaf. */
-INLINE void meet_packet(const Leaf *l, const Packet *p, Rays *r, uint64_t who) {
+INLINE void meet_packet(const BvhScene *s, int32_t leaf, const Packet *p, Rays *r, uint64_t who) {
+    const Leaf *l = (const Leaf *)s->bvh->leaf + leaf;
+    Leaf now;
+    if (s->moved) moved_leaf(s, l, &now), l = &now;
     const int kx = p->axis[0], ky = p->axis[1], kz = p->axis[2];
     for (uint32_t left = ~beside_all(l, p) & 255; left; left &= left - 1) {
         const int i = __builtin_ctz(left);
@@ -172,6 +175,7 @@ static bool descend_packet(const BvhScene *s, Rays *r, uint64_t who, bool any) {
         memcpy(&enter, &in, sizeof enter);
         for (; hit; hit &= hit - 1) {
             const struct Waiting w = {enter.at[__builtin_ctz(hit)], at, (uint32_t)__builtin_ctz(hit), here};
+            fetch(s, n->child[w.child]);
             uint32_t i = depth++;
             for (; i > bottom && stack[i - 1].enter < w.enter; i--) stack[i] = stack[i - 1];
             stack[i] = w;
@@ -185,17 +189,15 @@ static bool descend_packet(const BvhScene *s, Rays *r, uint64_t who, bool any) {
             const int32_t child = n->child[w->child];
             here = pass_box(n, w->child, &p, r, w->who & who);
             if (!here) continue;
-            if (__builtin_popcountll(here) <= FEW) {
-                for (uint64_t k = here; k; k &= k - 1) descend(s, r, (uint32_t)__builtin_ctzll(k), child, any);
-            } else if (child >= 0) {
+            const int many = __builtin_popcountll(here);
+            if (child < 0) {
+                if (many <= FEW_IN_LEAF) meet_each(s, r, here, ~child);
+                else meet_packet(s, ~child, &p, r, here);
+            } else if (many > FEW) {
                 at = (uint32_t)child;
                 break;
-            } else {
-                const Leaf *l = (const Leaf *)s->bvh->leaf + ~child;
-                Leaf now;
-                if (s->moved) moved_leaf(s, l, &now), l = &now;
-                meet_packet(l, &p, r, here);
-            }
+            } else if (many > 1) descend_mixed(s, r, here, child, any);
+            else descend(s, r, (uint32_t)__builtin_ctzll(here), child, any);
             for (uint64_t k = any ? here : 0; k; k &= k - 1)
                 if (r->triangle[__builtin_ctzll(k)] >= 0) who &= ~(k & -k);
             if (!who) return true;

@@ -37,7 +37,9 @@
 #define moved_leaf FN(moved_leaf)
 #define take FN(take)
 #define go_down FN(go_down)
+#define meet_each FN(meet_each)
 #define descend FN(descend)
+#define fetch FN(fetch)
 #define all FN(all)
 #define wide FN(wide)
 #define of_wide FN(of_wide)
@@ -139,6 +141,14 @@ INLINE uint64_t set_rays(Rays *r, const BvhScene *s, const flt *rays, uint64_t m
 
 /* ---- triangles */
 
+/* What is under a child will be read soon. */
+INLINE void fetch(const BvhScene *s, int32_t child) {
+    const char *from =
+        child >= 0 ? (const char *)&s->bvh->node[child] : (const char *)((const Leaf *)s->bvh->leaf + ~child);
+    for (size_t line = 0; line < (child >= 0 ? sizeof(BvhNode) : sizeof(Leaf)); line += 64)
+        __builtin_prefetch(from + line);
+}
+
 #if F64
 INLINE D8 wide(D8 v) { return v; }
 INLINE D8 of_wide(D8 v) { return v; }
@@ -171,7 +181,7 @@ INLINE void take(Rays *r, uint32_t k, flt t, int32_t triangle) {
 
 /* Ray k against eight triangles. */
 INLINE void meet_leaf(const Leaf *l, Rays *r, uint32_t k) {
-    const int kz = r->way[k] & 3, kx = (kz + 1) % 3, ky = (kx + 1) % 3;
+    const int kz = r->way[k] & 3, kx = kz < 2 ? kz + 1 : 0, ky = kx < 2 ? kx + 1 : 0;
     const flt sx = r->sx[k], sy = r->sy[k], sz = r->sz[k];
     Flt8 x[3], y[3], z[3];
     for (int c = 0; c < 3; c++) {
@@ -209,12 +219,21 @@ static void moved_leaf(const BvhScene *s, const Leaf *l, Leaf *now) {
     }
 }
 
+/* Rays against a leaf, one after the other. */
+INLINE void meet_each(const BvhScene *s, Rays *r, uint64_t who, int32_t leaf) {
+    const Leaf *l = (const Leaf *)s->bvh->leaf + leaf;
+    Leaf now;
+    if (s->moved) moved_leaf(s, l, &now), l = &now;
+    for (; who; who &= who - 1) meet_leaf(l, r, (uint32_t)__builtin_ctzll(who));
+}
+
 /* Ray k against what is under `at`. */
 INLINE void go_down(const BvhScene *s, Rays *r, uint32_t k, int32_t at, bool any) {
     struct Waiting {
         float enter;
         int32_t child;
     } stack[BVH_STACK], *top = stack;
+    const bool large = s->bvh->nleaves > LARGE;
     size_t close[3];
     F8 near[3], far[3], inverse[3];
     const F8 begin = all_F8(r->begin[k]);
@@ -245,6 +264,7 @@ INLINE void go_down(const BvhScene *s, Rays *r, uint32_t k, int32_t at, bool any
                 do {
                     i = (uint32_t)__builtin_ctz(hit);
                     struct Waiting other = {enter[i], n->child[i]};
+                    if (large) fetch(s, other.child);
                     if (other.enter < nearest) {
                         const struct Waiting first = {nearest, at};
                         nearest = other.enter, at = other.child, other = first;
@@ -256,10 +276,7 @@ INLINE void go_down(const BvhScene *s, Rays *r, uint32_t k, int32_t at, bool any
                 continue;
             }
         } else {
-            const Leaf *l = (const Leaf *)s->bvh->leaf + ~at;
-            Leaf now;
-            if (s->moved) moved_leaf(s, l, &now), l = &now;
-            meet_leaf(l, r, k);
+            meet_each(s, r, (uint64_t)1 << k, ~at);
             if (any && r->triangle[k] >= 0) return;
             end = all_F8(r->end[k]);
         }
@@ -298,7 +315,7 @@ static void search(const BvhScene *s, const void *rays, uint64_t mask, uint32_t 
         if (__builtin_popcountll(same) < PACKET || !descend_packet(s, &r, same, any)) apart |= same;
         left &= ~same;
     }
-    if (__builtin_popcountll(apart) >= PACKET && near_each_other(s, &r, apart)) descend_mixed(s, &r, apart, any);
+    if (__builtin_popcountll(apart) >= PACKET && near_each_other(s, &r, apart)) descend_mixed(s, &r, apart, 0, any);
     else
         for (; apart; apart &= apart - 1) descend(s, &r, (uint32_t)__builtin_ctzll(apart), 0, any);
     for (uint32_t k = 0; k < width; k++)
