@@ -345,16 +345,16 @@ static Inst *g_of_line(Lower *l, const Beam *b, const Ray *r, Inst *const d[3], 
     return var_get(l, g);
 }
 
-/* f.hit as a site. faces: every edge between faces is an event. */
+/* f.hit as a site. */
 static Inst *line_site(Lower *l, const Symbol *sym, const Ray *r, const Val *o, const Val *d, const First *f,
-                       SiteKind kind, bool faces, Span span) {
+                       SiteKind kind, Span span) {
     const Beam from = {.sym = sym, .geometry = gen_geometry_number(l, (Searched){.sym = sym}), .eye = o->c};
     Inst *face = op1(l, OP_i2f, f->id), *number[2];
     for (uint32_t k = 0; k < 2; k++) {
         Inst *ray[] = {r->x, r->y, r->z, r->dx, r->dy, r->dz, r->t0, r->t1}, *args[SLT_PAIR_ROWS];
         for (uint32_t i = 0; i < SLT_PAIR_OTHER; i++) args[i] = args[SLT_PAIR_OTHER + i] = ray[i];
         args[SLT_PAIR_FACE] = args[SLT_PAIR_OTHER_FACE] = face;
-        args[SLT_PAIR_EDGES] = kf(l, faces), args[SLT_PAIR_WHICH] = kf(l, k);
+        args[SLT_PAIR_EDGES] = kf(l, kind == SITE_MESH_FACE), args[SLT_PAIR_WHICH] = kf(l, k);
         number[k] = special(l, OP_query, TY_INT, SLT_PAIR_ROWS, args,
                             (Imm){.query = {from.geometry, SLT_QUERY_BETWEEN, l->geometries.data[from.geometry].base}});
     }
@@ -390,8 +390,8 @@ Val gen_mesh(Lower *l, Expr *e, const Symbol *sym) {
     Inst *hit = f.hit, *hit_face = f.hit;
     if (disc) {
         want_exact_numbers(l, sym);
-        hit = line_site(l, sym, &r, &o, &d, &f, traces ? SITE_MESH : SITE_MESH_SHADOW, false, e->span);
-        hit_face = traces ? line_site(l, sym, &r, &o, &d, &f, SITE_MESH, true, e->span) : hit;
+        hit = line_site(l, sym, &r, &o, &d, &f, traces ? SITE_MESH : SITE_MESH_SHADOW, e->span);
+        hit_face = traces ? line_site(l, sym, &r, &o, &d, &f, SITE_MESH_FACE, e->span) : hit;
     }
     if (traces) return trace(l, e, sym, &r, &o, &d, &f, hit, hit_face);
     Val v = val_new(l, e->type);

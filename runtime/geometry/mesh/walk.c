@@ -18,8 +18,6 @@ enum {
 #define FLAT 1e-28      /* of such a face the square of the sine between its sides */
 /* Of equal t up to rounding, in parts of the greater: which face a ray meets was decided in the mesh's precision. */
 #define SAME_DEPTH(f) ((f)->mesh->f64 ? 0x1p-40 : 0x1p-20)
-/* What parts two rays may be nearer to one of them than rounding, and the walk passes it. */
-#define BEYOND 2.0
 
 /* The rays from one end of a pair to the other. */
 typedef struct Family {
@@ -219,6 +217,21 @@ static Outcome walk(const Family *f, Place *at, double until, bool edges, Line *
     return LOST;
 }
 
+/* Where the walk arrives, but the ray there meets something else, or nothing: rounding has parted them, at the edge of
+ * the face that is nearest. */
+static Outcome nearest(const Family *f, Place *at, bool edges, Line *line) {
+    double p[3][3], c[3], along[3], least = INFINITY;
+    int near = 0;
+    corners(f, at->face, p);
+    for (int k = 0; k < 3; k++) {
+        edge_quadric(f, p[k], p[(k + 1) % 3], c);
+        minus(p[(k + 1) % 3], p[k], along);
+        double away = fabs(c[0] + at->s * (c[1] + at->s * c[2])) / sqrt(dot(along, along));
+        if (away < least) least = away, near = k;
+    }
+    return pass(f, at, near, edges, line) == PARTED ? PARTED : LOST;
+}
+
 static bool same_depth(const Family *f, int32_t a, int32_t b, double s) {
     if (a == b) return true;
     double t = t_at(f, a, s), u = t_at(f, b, s);
@@ -251,13 +264,12 @@ static Outcome find_crossing(const Family *f, Place a, Place b, double until, Li
 static Outcome between(const Family *f, const Family *back, int32_t a, int32_t b, bool edges, Line *line) {
     Place pa = {.face = a, .over = -1}, pb = {.face = b, .over = -1};
     if (a < 0 || b < 0) {
-        Outcome o = a >= 0 ? walk(f, &pa, BEYOND, edges, line) : walk(back, &pb, BEYOND, edges, line);
-        return o == PARTED ? PARTED : LOST;
+        Outcome o = a >= 0 ? walk(f, &pa, 1, edges, line) : walk(back, &pb, 1, edges, line);
+        return o == ARRIVED ? nearest(a >= 0 ? f : back, a >= 0 ? &pa : &pb, edges, line) : o;
     }
     Outcome from_a = walk(f, &pa, 1, edges, line);
     if (from_a == LOST) return LOST;
-    if (from_a == ARRIVED && same_depth(f, pa.face, b, 1))
-        return edges ? walk(back, &pb, BEYOND, edges, line) : ARRIVED;
+    if (from_a == ARRIVED && same_depth(f, pa.face, b, 1)) return edges ? nearest(f, &pa, edges, line) : ARRIVED;
     double end = pa.s; /* up to here goes the surface of a, from `begin` on that of b */
     Line of_b;
     Outcome from_b = walk(back, &pb, 1 - end, edges, &of_b);
