@@ -6,6 +6,7 @@
 #include "walk.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "saltus/mesh.h"
 #include "saltus/query.h"
@@ -167,16 +168,30 @@ static Line edge_line(const Family *f, int32_t face, int k) {
     return p < q ? (Line){p, q} : (Line){q, p};
 }
 
+/* Do the two sides of an edge, that of face a and that of face b, lie at different places of a texture? */
+static bool is_seam(const Family *f, int32_t a, int k, int32_t b, int over) {
+    const int32_t *uv = f->mesh->face + (SLT_MESH_FACE + SLT_MESH_PART) * (size_t)f->mesh->adjacency->nfaces;
+    const int each = SLT_MESH_UV / 3;
+    for (int end = 0; end < 2; end++) {
+        const int at = (k + end) % 3, same = corner(f, b, over) == corner(f, a, at) ? over : (over + 1) % 3;
+        if (memcmp(uv + SLT_MESH_UV * (size_t)a + each * at, uv + SLT_MESH_UV * (size_t)b + each * same,
+                   (size_t)each * sizeof *uv) != 0)
+            return true;
+    }
+    return false;
+}
+
 /* Over edge k, which the ray at->s meets, to the face beyond. */
-static Outcome pass(const Family *f, Place *at, int k, bool edges, Line *line) {
+static Outcome pass(const Family *f, Place *at, int k, int edges, Line *line) {
     int32_t face = at->face, behind = corner(f, face, k + 2);
     for (int flat = 0; flat <= MOST_FLAT; flat++) {
         *line = edge_line(f, face, k);
         int32_t half = f->mesh->adjacency->across[3 * (int64_t)face + k];
         if (line->a == line->b) return LOST;
-        if (half < 0 || edges) return PARTED;
+        if (half < 0 || edges == SLT_EDGES_ALL) return PARTED;
         int32_t next = half / 3;
         int over = half % 3;
+        if (edges == SLT_EDGES_SEAMS && is_seam(f, face, k, next, over)) return PARTED;
         if (is_flat(f, next)) {
             face = next, k = leaves_flat(f, at->s, next, over);
             continue;
@@ -190,8 +205,8 @@ static Outcome pass(const Family *f, Place *at, int k, bool edges, Line *line) {
     return LOST;
 }
 
-/* One face further, but not beyond `until`. edges: every edge parts. */
-static Outcome step(const Family *f, Place *at, double until, bool edges, Line *line) {
+/* One face further, but not beyond `until`. edges: SLT_EDGES_* part, besides. */
+static Outcome step(const Family *f, Place *at, double until, int edges, Line *line) {
     int k;
     double s = leaves(f, at, &k), to = s < until ? s : until;
     double t = t_at(f, at->face, to), t0 = end_at(f->t0, to), t1 = end_at(f->t1, to);
@@ -207,7 +222,7 @@ static Outcome step(const Family *f, Place *at, double until, bool edges, Line *
     return s < until ? pass(f, at, k, edges, line) : ARRIVED;
 }
 
-static Outcome walk(const Family *f, Place *at, double until, bool edges, Line *line) {
+static Outcome walk(const Family *f, Place *at, double until, int edges, Line *line) {
     for (int steps = 0, turns = 0; steps < MOST_STEPS && turns < MOST_TURNS; steps++) {
         double s = at->s;
         Outcome o = step(f, at, until, edges, line);
@@ -219,7 +234,7 @@ static Outcome walk(const Family *f, Place *at, double until, bool edges, Line *
 
 /* Where the walk arrives, but the ray there meets something else, or nothing: rounding has parted them, at the edge of
  * the face that is nearest. */
-static Outcome nearest(const Family *f, Place *at, bool edges, Line *line) {
+static Outcome nearest(const Family *f, Place *at, int edges, Line *line) {
     double p[3][3], c[3], along[3], least = INFINITY;
     int near = 0;
     corners(f, at->face, p);
@@ -261,7 +276,7 @@ static Outcome find_crossing(const Family *f, Place a, Place b, double until, Li
 }
 
 /* f: from the ray that meets face a to the one that meets face b, back: from that one; -1: nothing. */
-static Outcome between(const Family *f, const Family *back, int32_t a, int32_t b, bool edges, Line *line) {
+static Outcome between(const Family *f, const Family *back, int32_t a, int32_t b, int edges, Line *line) {
     Place pa = {.face = a, .over = -1}, pb = {.face = b, .over = -1};
     if (a < 0 || b < 0) {
         Outcome o = a >= 0 ? walk(f, &pa, 1, edges, line) : walk(back, &pb, 1, edges, line);
@@ -269,7 +284,8 @@ static Outcome between(const Family *f, const Family *back, int32_t a, int32_t b
     }
     Outcome from_a = walk(f, &pa, 1, edges, line);
     if (from_a == LOST) return LOST;
-    if (from_a == ARRIVED && same_depth(f, pa.face, b, 1)) return edges ? nearest(f, &pa, edges, line) : ARRIVED;
+    if (from_a == ARRIVED && same_depth(f, pa.face, b, 1))
+        return edges == SLT_EDGES_ALL ? nearest(f, &pa, edges, line) : ARRIVED;
     double end = pa.s; /* up to here goes the surface of a, from `begin` on that of b */
     Line of_b;
     Outcome from_b = walk(back, &pb, 1 - end, edges, &of_b);
@@ -321,7 +337,7 @@ static int32_t answer(const WalkMesh *m, const double row[SLT_PAIR_ROWS]) {
             b = (int32_t)row[second ? SLT_PAIR_FACE : SLT_PAIR_OTHER_FACE];
     if (a == b) return SLT_WITNESS_NONE;
     Line line = {0};
-    Outcome o = between(&f, &back, a, b, row[SLT_PAIR_EDGES] != 0, &line);
+    Outcome o = between(&f, &back, a, b, (int)row[SLT_PAIR_EDGES], &line);
     if (o != PARTED) return o == ARRIVED ? SLT_WITNESS_NONE : SLT_BETWEEN_LOST;
     return row[SLT_PAIR_WHICH] != 0 ? line.b : line.a;
 }
