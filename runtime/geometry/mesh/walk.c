@@ -17,6 +17,8 @@ enum {
     MOST_FLAT = 16        /* faces without area that are passed at one edge */
 };
 #define FLAT 1e-28      /* of such a face the square of the sine between its sides */
+/* The sine of the angle below which a face is seen edge-on. */
+#define EDGE_ON(f) ((f)->mesh->f64 ? 0x1p-40 : 0x1p-20)
 /* Of equal t up to rounding, in parts of the greater: which face a ray meets was decided in the mesh's precision. */
 #define SAME_DEPTH(f) ((f)->mesh->f64 ? 0x1p-40 : 0x1p-20)
 
@@ -132,15 +134,16 @@ static double leaves(const Family *f, const Place *at, int *over) {
     return first;
 }
 
-/* On which side of the plane of the ray s's origin and the edge from p to q is v? */
+/* On which side of the plane of the ray s's origin and the edge from p to q is v? 0: in it, up to rounding, as a face
+ * is that is seen edge-on. */
 static double side_of(const Family *f, double s, int32_t p, int32_t q, int32_t v) {
-    double at[3][3], o[3], d[3], along[3], n[3];
+    double at[3][3], o[3], d[3], along[3], away[3], n[3];
     ray_at(f, s, o, d);
     vertex(f, p, at[0]), vertex(f, q, at[1]), vertex(f, v, at[2]);
-    minus(at[1], at[0], along);
-    minus(at[0], o, at[0]), minus(at[2], o, at[2]);
+    minus(at[1], at[0], along), minus(at[2], at[0], away), minus(at[0], o, at[0]);
     cross(at[0], along, n);
-    return dot(at[2], n);
+    double side = dot(away, n);
+    return fabs(side) <= EDGE_ON(f) * sqrt(dot(away, away) * dot(n, n)) ? 0 : side;
 }
 
 static bool is_flat(const Family *f, int32_t face) {
