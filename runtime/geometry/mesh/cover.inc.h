@@ -14,17 +14,17 @@ INLINE void copy(Polygon *to, const Polygon *from) {
     memcpy(to->side, from->side, n * sizeof *to->side);
 }
 
-/* g at the corners, 0 where they are on the line; which of them are positive, which negative. */
+/* g at the corners, 0 where they are on the line; which of them are positive, which negative. One by one: they have
+ * just been written so, and processors do not read several writes as one. */
 INLINE void signs(const Polygon *p, const double g[3], double d[CORNERS], uint32_t *plus, uint32_t *minus) {
     const double near = ON_LINE * (fabs(g[0]) + fabs(g[1]));
-    *plus = *minus = 0;
-    for (uint32_t k = 0; k < p->n; k += 8) {
-        const Flt8 at = g[0] * *(const Wide *)&p->s[k] + g[1] * *(const Wide *)&p->t[k] + g[2];
-        const Int8 above = at > near, below = at < -near;
-        *(Wide *)&d[k] = (Flt8)((above | below) & (Int8)at);
-        *plus |= bits(&above) << k, *minus |= bits(&below) << k;
+    uint32_t above = 0, below = 0;
+    for (uint32_t k = 0; k < p->n; k++) {
+        const double at = window_at(g, p->s[k], p->t[k]);
+        above |= (uint32_t)(at > near) << k, below |= (uint32_t)(at < -near) << k;
+        d[k] = fabs(at) <= near ? 0 : at;
     }
-    *plus &= (1u << p->n) - 1, *minus &= (1u << p->n) - 1;
+    *plus = above, *minus = below;
 }
 
 /* A corner on the line is of both; a new one is the same in both. */
