@@ -69,7 +69,10 @@ static Met meet(Lower *l, const Symbol *sym, const Val *o, const Val *d, Inst *f
     }
     /* Seen nearly edge-on the sum may be rounded to 0. */
     Inst *real = op2(l, OP_band, found, op2(l, OP_fne, sum, kf(l, 0))), *whole = sel(l, real, sum, kf(l, 1));
-    m.t = op2(l, OP_fmin, op2(l, OP_fmax, op2(l, OP_fdiv, at, whole), low), high);
+    /* The bounds are for rounding alone: where all corners have one t, as faces square to the ray have, the derivative
+     * is that of the mean all the same. */
+    Inst *mean = op2(l, OP_fdiv, at, whole), *bounded = op2(l, OP_fmin, op2(l, OP_fmax, mean, low), high);
+    m.t = add(l, op1(l, OP_detach, bounded), op1(l, OP_ghost, mean));
     for (int k = 0; k < 3; k++) m.weight[k] = op2(l, OP_fdiv, m.weight[k], whole);
     return m;
 }
