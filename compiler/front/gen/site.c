@@ -59,7 +59,7 @@ static Inst *emit_site(Lower *l, Op op, SiteKind kind, Inst *value, Inst *g, con
 }
 
 void site_untracked(Lower *l, Inst *at, Inst *g0, Inst *g1, Span span, JumpKind kind) {
-    if (l->quiet || l->in_tangent || ir_is_const(at)) return;
+    if ((l->quiet && !l->records) || l->in_tangent || ir_is_const(at)) return;
     span = gen_shown(l, span);
     if (l->tag.nodisc) vec_push(l->arena, &l->silenced, span);
     else vec_push(l->arena, &l->untracked, ((Untracked){at, g0, g1, span, kind}));

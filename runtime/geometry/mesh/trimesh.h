@@ -8,6 +8,8 @@
 #ifndef SALTUS_MESH_TRIMESH_H
 #define SALTUS_MESH_TRIMESH_H
 
+#include <stdatomic.h>
+
 #include "adjacency.h"
 #include "bvh.h"
 #include "rays.h"
@@ -25,9 +27,11 @@ typedef struct Trimesh {
     Geometry base;
     GeometrySource from;
     bool dirty, has_tree, has_adjacency;
-    Bvh bvh;             /* where has_tree */
-    Adjacency adjacency; /* where has_adjacency */
+    atomic_bool lost_, *lost; /* pieces, for want of memory: queries see the mesh as const */
+    Bvh bvh;                  /* where has_tree */
+    Adjacency adjacency;      /* where has_adjacency */
     const BvhSearches *rays;
+    const struct FacetSearch *facets;
     char text[96]; /* describe */
 } Trimesh;
 
