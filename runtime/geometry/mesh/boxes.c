@@ -10,6 +10,9 @@
 #include "saltus/query.h"
 
 enum { PATCH = 24 }; /* triangles around a ray, at most */
+/* Rays see a corner, less their origin and sheared, where it is but for 6 roundings of its largest coordinate; f64 edge
+ * functions are rounded as well (rays.inc.h). */
+#define ROUNDED(f64) ((f64) ? 0x1p-49 : 0x1p-21)
 
 typedef struct Range {
     double lo, hi;
@@ -19,7 +22,7 @@ typedef struct Box {
     const BvhScene *scene;
     const WalkMesh *mesh;
     Range o[3], d[3], t0, t1;
-    double wide; /* how far a vertex is from where it is, at most */
+    double wide; /* how far the boxes of the tree are from theirs, at most */
 } Box;
 
 /* Outward by more than one operation rounds. */
@@ -61,13 +64,16 @@ typedef struct Seen {
 
 static Seen look(const Box *b, int32_t face) {
     Range at[3][3], along[3][3], normal[3], n[3];
+    double v[3][3], far = 0;
     for (int k = 0; k < 3; k++)
         for (int a = 0; a < 3; a++) {
             const size_t i = 3 * (size_t)b->mesh->face[3 * (size_t)face + (size_t)k] + (size_t)a;
-            double v =
-                b->mesh->f64 ? ((const double *)b->mesh->vertex)[i] : (double)((const float *)b->mesh->vertex)[i];
-            at[k][a] = widened(v - b->wide, v + b->wide);
+            v[k][a] = b->mesh->f64 ? ((const double *)b->mesh->vertex)[i] : (double)((const float *)b->mesh->vertex)[i];
+            far = fmax(far, fmax(fabs(v[k][a] - b->o[a].lo), fabs(v[k][a] - b->o[a].hi)));
         }
+    const double wide = ROUNDED(b->mesh->f64) * far;
+    for (int k = 0; k < 3; k++)
+        for (int a = 0; a < 3; a++) at[k][a] = widened(v[k][a] - wide, v[k][a] + wide);
     for (int k = 0; k < 3; k++)
         for (int a = 0; a < 3; a++) along[k][a] = minus(at[(k + 1) % 3][a], at[k][a]);
     cross(along[0], along[1], normal);
