@@ -37,12 +37,12 @@
 #define moved_leaf FN(moved_leaf)
 #define take FN(take)
 #define pass_boxes FN(pass_boxes)
-#define go_down FN(go_down)
-#define descend_each FN(descend_each)
-#define meet_each FN(meet_each)
 #define Waiting FN(BvhWaiting)
+#define go_down FN(go_down)
 #define trace_below FN(trace_below)
 #define block_below FN(block_below)
+#define descend_each FN(descend_each)
+#define meet_each FN(meet_each)
 #define fetch FN(fetch)
 #define all FN(all)
 #define wide FN(wide)
@@ -119,10 +119,9 @@ INLINE uint32_t set_group(Rays *r, const BvhScene *s, uint32_t k) {
     typedef int32_t Ways __attribute__((vector_size(4 * GROUP)));
     *(Ways *)(r->way + k) = __builtin_convertvector(way, Ways);
     *(Ways *)(r->triangle + k) = (Ways){0} + SLT_WITNESS_NONE;
-    for (uint32_t i = k; i < k + GROUP; i++) {
-        r->begin[i] = -outwards_of(-r->t0[i] * r->scale[i]);
-        r->end[i] = outwards_of(r->t[i] * r->scale[i]);
-    }
+    const Narrow begin = __builtin_convertvector(t0 * scale, Narrow), end = __builtin_convertvector(t1 * scale, Narrow);
+    *(Narrow *)(r->begin + k) = begin - higher(begin, -begin) * 0x1p-22f;
+    *(Narrow *)(r->end + k) = end + higher(end, -end) * 0x1p-22f;
     return less((Group)(fine & (Whole)((Group){0} - 1)), (Group){0});
 }
 
@@ -253,7 +252,6 @@ typedef struct Waiting {
 /* Ray k from a node on, of which it has met the boxes `hit`. */
 INLINE void go_down(const BvhScene *s, Rays *r, uint32_t k, const BvhNode *n, uint32_t hit, F8 in, bool any) {
     Waiting stack[BVH_STACK], *top = stack;
-    const bool large = s->bvh->nleaves > LARGE;
     size_t close[3];
     F8 near[3], far[3], inverse[3], end = all_F8(r->end[k]);
     const F8 begin = all_F8(r->begin[k]);
@@ -274,7 +272,7 @@ INLINE void go_down(const BvhScene *s, Rays *r, uint32_t k, const BvhNode *n, ui
             while (hit &= hit - 1) {
                 i = (uint32_t)__builtin_ctz(hit);
                 Waiting other = {enter[i], n->child[i]};
-                if (large) fetch(s, other.child);
+                if (s->bvh->nleaves > LARGE) fetch(s, other.child);
                 if (other.enter < nearest) {
                     const Waiting first = {nearest, at};
                     nearest = other.enter, at = other.child, other = first;
@@ -320,10 +318,15 @@ static void block_below(const BvhScene *s, Rays *r, uint32_t k, const BvhNode *n
     go_down(s, r, k, n, hit, *in, true);
 }
 
-/* Rays from a node on, each for itself. Where decisions follow they wait for each other, so the first are made
- * together.
- */
+#include "walk.inc.h"
+
+/* Rays from a node on, each for itself. */
 INLINE void descend_each(const BvhScene *s, Rays *r, uint64_t who, uint32_t node, bool any) {
+    if (s->bvh->nleaves > LARGE && __builtin_popcountll(who) >= WALK) {
+        if (any) walk_any(s, r, who, node);
+        else walk_first(s, r, who, node);
+        return;
+    }
     const BvhNode *n = &s->bvh->node[node];
     F8 enter[RAYS];
     uint8_t pass[RAYS];
