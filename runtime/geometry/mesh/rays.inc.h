@@ -354,14 +354,13 @@ INLINE uint64_t same_way(const Rays *r, uint32_t k, uint64_t left) {
 static void search(const BvhScene *s, const void *rays, uint64_t mask, uint32_t width, bool any, int32_t *witness) {
     Rays r;
     const uint64_t fine = set_rays(&r, s, rays, mask, width);
-    uint64_t apart = 0;
-    for (uint64_t left = fine; left;) {
-        const uint64_t first = left & -left;
-        const uint64_t same =
-            __builtin_popcountll(left) >= PACKET ? same_way(&r, (uint32_t)__builtin_ctzll(left), left) : first;
+    uint64_t apart = 0, left = fine;
+    for (int tries = 0; __builtin_popcountll(left) >= PACKET && tries < TRIES; tries++) {
+        const uint64_t same = same_way(&r, (uint32_t)__builtin_ctzll(left), left);
         if (__builtin_popcountll(same) < PACKET || !descend_packet(s, &r, same, any)) apart |= same;
         left &= ~same;
     }
+    apart |= left;
     if (__builtin_popcountll(apart) >= PACKET && near_each_other(s, &r, apart)) descend_mixed(s, &r, apart, 0, any);
     else descend_each(s, &r, apart, 0, any);
     for (uint32_t k = 0; k < width; k++)
