@@ -135,6 +135,17 @@ bool api_looks_like_glsl(const char *text) {
     return false;
 }
 
+/* Does f read where in a pixel a sample lies, or which one it is? */
+static bool reads_sample(const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_input && i->imm.i < SLT_IN_VARYING && i->imm.i != IN_PIXEL0 && i->imm.i != IN_PIXEL1)
+            return true;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (reads_sample(i->region[r])) return true;
+    }
+    return false;
+}
+
 static void compile_body(Session *s, void *arg) {
     Compile *c = arg;
     SltProgram *p = c->p;
@@ -195,6 +206,8 @@ static void compile_body(Session *s, void *arg) {
     p->passes.session = s, p->passes.program = prog, p->passes.has_fma = p->target.has_fma;
     start = now_ms();
     pipeline_primal(&p->passes, prog->primal);
+    p->scene.pixelwise = !prog->uses_rand && !reads_sample(prog->primal->body);
+    api_derived_lower(p);
     p->ms_passes = now_ms() - start;
 }
 
@@ -210,7 +223,7 @@ static SltStatus fill_program(SltProgram *p) {
         return status_fail(&p->error, SLT_LIMIT, "out of memory for %u parameters", prog->nfloats);
     if (prog->nfloats) memcpy(p->floats, prog->init_floats, prog->nfloats * sizeof(double));
     if (prog->nints) memcpy(p->ints, prog->init_ints, prog->nints * sizeof(int32_t));
-    api_params_changed(p, 0, prog->nfloats);
+    api_params_changed(p, 0, program_floats(prog));
     SltStatus status = api_load_assets(p, &p->error);
     if (status != SLT_OK) return status;
     status = api_wrt(p, NULL, 0, &p->error);
@@ -307,6 +320,7 @@ SltStatus api_compile_resized(const SltProgram *p, const char *lengths, SltProgr
 void slt_program_free(SltProgram *p) {
     if (!p || atomic_load(&p->fitted) || !api_claim(p)) return;
     api_free_kernels(p);
+    api_derived_free(p);
     api_geometries_free(p);
     free(p->floats);
     free(p->flt);

@@ -59,6 +59,9 @@ typedef struct SltScene {
     uint32_t dim, channels;
     double lo[3], hi[3]; /* the domain, by axis */
     uint32_t nfloats, nints;
+    uint32_t nplaced;                 /* the last of the floats: those of derived arrays (runtime/sample/derived.h) */
+    const struct SltDerived *derived; /* [nderived] */
+    uint32_t nderived;
     const void *params;     /* flt[nfloats] */
     const int32_t *iparams; /* [nints] */
     const uint8_t *active;  /* [nfloats]: 1 where the gradient is wanted; NULL: everywhere */
@@ -91,6 +94,7 @@ typedef struct SltScene {
     bool chunked; /* bounds and the edge kernels are in chunks too: its choices are edges behind all others */
     int follow;   /* fingers are followed from line to line of a lattice: 0 never, 1 but not rays in images, 2 always */
     bool uses_rand;
+    bool pixelwise;      /* f is one number all over a pixel, and all over the domain of an integral */
     bool detached;       /* somewhere the program has no derivative of a value on purpose */
     bool frugal;         /* whoever asks takes many steps, and bears noise: SLT_EST_AUTO spends what the lattice does */
     uint64_t tape_bytes; /* a lane, the largest of all kernels */

@@ -1,0 +1,13 @@
+/* facets.inc.h for AVX2; CMakeLists.txt gives this file its -m flags. */
+#include <float.h>
+#include <math.h>
+
+#include "window.h"
+
+#if defined(__AVX2__)
+#include "lanes.h"
+#include "facets.inc.h"
+#include "cover.inc.h"
+
+const FacetSearch facets_avx2 = {.place = place, .list = list, .survey = survey, .cover = cover_all, .split = split};
+#endif

@@ -1,0 +1,13 @@
+/* facets.inc.h for AVX-512; CMakeLists.txt gives this file its -m flags. */
+#include <float.h>
+#include <math.h>
+
+#include "window.h"
+
+#if defined(__AVX512DQ__)
+#include "lanes.h"
+#include "facets.inc.h"
+#include "cover.inc.h"
+
+const FacetSearch facets_avx512 = {.place = place, .list = list, .survey = survey, .cover = cover_all, .split = split};
+#endif

@@ -1,0 +1,51 @@
+"""Shaders that are one colour all over a pixel: one sample tells it, and there is no error to state."""
+
+from harness import *
+
+# Exact coverage of each pixel by a half-plane's shadow: of its place in the image alone.
+ROWS = """
+param float a = 0.3;
+param float2 b = float2(0.2, 0.7);
+shader float main(float2 x) {
+    float2 at = float2(pixel()) / float2(resolution());
+    return a * a + dot(at, b) + sin(at.x);
+}
+"""
+PLACED = ROWS.replace("sin(at.x)", "sin(x.x)")
+
+
+class Pixelwise(Case):
+    def test_integral(self):
+        self.put("s.salt", ROWS)
+        j = self.json_cli("grad", "s.salt", "--integral", "--precision", "f64")
+        self.assertEqual((j["samples"], j["integral_stderr"], j["stderr"]["a"]), (1, [0], 0))
+        self.assertAlmostEqual(j["integral"][0], 0.09, places=15)
+        self.assertAlmostEqual(j["gradient"]["a"], 0.6, places=15)
+        self.put("s.salt", PLACED)
+        self.assertGreater(self.json_cli("grad", "s.salt", "--integral", "--estimator", "lattice")["samples"], 1)
+
+    def test_images(self):
+        """However many samples are asked for, one of each pixel is taken, for the image, its derivatives and a loss."""
+        self.put("s.salt", ROWS)
+        self.run_cli("render", "s.salt", "--size", "8x6", "--spp", "1", "--param", "a=0.9", "-o", "t.pfm")
+        for name, spp in (("one.pfm", "1"), ("many.pfm", "16")):
+            self.run_cli("render", "s.salt", "--size", "8x6", "--spp", spp, "-o", name)
+        self.assertEqual(self.get("one.pfm"), self.get("many.pfm"))
+        one, many = (self.json_cli("grad", "s.salt", "--target", "t.pfm", "--size", "8x6", "--spp", n) for n in ("1", "16"))
+        for key in "loss", "gradient", "stderr", "samples":
+            self.assertEqual(one[key], many[key])
+        self.assertEqual(one["stderr"], {"a": 0, "b": [0, 0]})
+        self.assertAlmostEqual(one["loss"], (0.81 - 0.09) ** 2, places=5)
+        self.assertAlmostEqual(one["gradient"]["a"], 2 * (0.09 - 0.81) * 0.6, places=5)
+
+    def test_filters(self):
+        """Whatever the filter: a sample belongs to one pixel."""
+        self.put("s.salt", ROWS)
+        for name in "box", "tent", "gaussian":
+            self.run_cli("render", "s.salt", "--size", "8x6", "--spp", "4", "--filter", name, "-o", name + ".pfm")
+        self.assertEqual(self.get("box.pfm"), self.get("tent.pfm"))
+        self.assertEqual(self.get("box.pfm"), self.get("gaussian.pfm"))
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,160 @@
+/* Meshes and windows for tests of pieces, and a reference: in long double, each triangle less all that is nearer, one
+ * after the other, so that no order of faces and no piece of another triangle matters. */
+#ifndef SALTUS_TESTS_TRIMESH_SCENE_H
+#define SALTUS_TESTS_TRIMESH_SCENE_H
+
+#include <math.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <string.h>
+
+#include "saltus/mesh.h"
+
+enum { SCENE_VERTICES = 512, SCENE_FACES = 512, SCENE_CORNERS = 64, SCENE_PARTS = 4096 };
+
+typedef struct Scene {
+    uint32_t nvertices, nfaces;
+    double at[SCENE_VERTICES][3];
+    float f32[SCENE_VERTICES][3];
+    int32_t face[SCENE_FACES][3];
+    double beam[SLT_BEAM_ROWS];
+} Scene;
+
+static inline double scene_uniform(uint64_t *state) {
+    *state = *state * 6364136223846793005u + 1442695040888963407u;
+    return (double)(*state >> 11) * 0x1p-53;
+}
+
+static inline int32_t scene_vertex(Scene *s, double x, double y, double z) {
+    double *p = s->at[s->nvertices];
+    p[0] = x, p[1] = y, p[2] = z;
+    for (int a = 0; a < 3; a++) s->f32[s->nvertices][a] = (float)p[a];
+    return (int32_t)s->nvertices++;
+}
+
+static inline void scene_face(Scene *s, int32_t a, int32_t b, int32_t c) {
+    int32_t *f = s->face[s->nfaces++];
+    f[0] = a, f[1] = b, f[2] = c;
+}
+
+/* Triangles anywhere, of any size, which cross. */
+static inline void scene_soup(Scene *s, uint32_t n, double size, uint64_t *state) {
+    for (uint32_t i = 0; i < n; i++) {
+        double at[3];
+        int32_t v[3];
+        for (int a = 0; a < 3; a++) at[a] = 2 * scene_uniform(state) - 1;
+        for (int k = 0; k < 3; k++)
+            v[k] =
+                scene_vertex(s, at[0] + size * (scene_uniform(state) - 0.5),
+                             at[1] + size * (scene_uniform(state) - 0.5), at[2] + size * (scene_uniform(state) - 0.5));
+        scene_face(s, v[0], v[1], v[2]);
+    }
+}
+
+/* ---- the reference */
+
+typedef struct Part {
+    uint32_t n;
+    long double s[SCENE_CORNERS], t[SCENE_CORNERS];
+} Part;
+
+/* Half-planes g >= 0 and the depth of a triangle in the window. */
+typedef struct Shape {
+    bool seen;
+    long double edge[3][3], depth[3];
+} Shape;
+
+static inline long double part_at(const long double g[3], long double s, long double t) {
+    return g[0] * s + g[1] * t + g[2];
+}
+
+static inline Shape shape_of(const Scene *scene, uint32_t face) {
+    long double p[3][3], c[3], n[3][3];
+    const double *b = scene->beam;
+    Shape out = {0};
+    for (int k = 0; k < 3; k++)
+        for (int a = 0; a < 3; a++) {
+            p[k][a] = (long double)scene->at[scene->face[face][k]][a] - (long double)b[SLT_BEAM_EYE + a];
+            c[a] = (long double)b[SLT_BEAM_CORNER + a] - (long double)b[SLT_BEAM_EYE + a];
+        }
+    for (int k = 0; k < 3; k++)
+        for (int a = 0; a < 3; a++) {
+            const long double *q = p[(k + 1) % 3];
+            n[k][a] = p[k][(a + 1) % 3] * q[(a + 2) % 3] - p[k][(a + 2) % 3] * q[(a + 1) % 3];
+        }
+    long double det = 0;
+    for (int a = 0; a < 3; a++) det += p[0][a] * n[1][a];
+    if (det == 0 || !isfinite(det)) return out;
+    out.seen = true;
+    for (int a = 0; a < 3; a++) {
+        long double sum = (n[0][a] + n[1][a] + n[2][a]) / det, along[3] = {b[SLT_BEAM_U + a], b[SLT_BEAM_V + a], c[a]};
+        for (int i = 0; i < 3; i++) {
+            out.depth[i] += sum * along[i];
+            for (int k = 0; k < 3; k++) out.edge[k][i] += (det > 0 ? n[k][a] : -n[k][a]) * along[i];
+        }
+    }
+    return out;
+}
+
+/* What is left of p where sign * g >= 0. */
+static inline Part part_cut(const Part *p, const long double g[3], long double sign) {
+    Part out = {0};
+    for (uint32_t k = 0; k < p->n; k++) {
+        const uint32_t next = (k + 1) % p->n;
+        const long double d = sign * part_at(g, p->s[k], p->t[k]), e = sign * part_at(g, p->s[next], p->t[next]);
+        if (d >= 0 && out.n < SCENE_CORNERS) out.s[out.n] = p->s[k], out.t[out.n++] = p->t[k];
+        if (!((d > 0 && e < 0) || (d < 0 && e > 0)) || out.n == SCENE_CORNERS) continue;
+        out.s[out.n] = p->s[k] + d / (d - e) * (p->s[next] - p->s[k]);
+        out.t[out.n++] = p->t[k] + d / (d - e) * (p->t[next] - p->t[k]);
+    }
+    if (out.n < 3) out.n = 0;
+    return out;
+}
+
+/* Area, and with it the moments of s and t. */
+static inline void part_add(const Part *p, long double sum[3]) {
+    for (uint32_t k = 1; k + 1 < p->n; k++) {
+        long double area =
+            ((p->s[k] - p->s[0]) * (p->t[k + 1] - p->t[0]) - (p->t[k] - p->t[0]) * (p->s[k + 1] - p->s[0])) / 2;
+        sum[0] += area;
+        sum[1] += area * (p->s[0] + p->s[k] + p->s[k + 1]) / 3;
+        sum[2] += area * (p->t[0] + p->t[k] + p->t[k + 1]) / 3;
+    }
+}
+
+/* Area and moments of what is seen of the face. Of equal depth the lower number is seen. false: too many parts. */
+static inline bool scene_seen(const Scene *s, uint32_t face, long double sum[3]) {
+    static Part row[2][SCENE_PARTS];
+    Shape own = shape_of(s, face);
+    uint32_t n = 1, now = 0;
+    sum[0] = sum[1] = sum[2] = 0;
+    if (!own.seen) return true;
+    row[0][0] = (Part){4, {0, 1, 1, 0}, {0, 0, 1, 1}};
+    for (int k = 0; k < 3; k++) row[0][0] = part_cut(&row[0][0], own.edge[k], 1);
+    for (uint32_t f = 0; f < s->nfaces; f++) {
+        Shape other = shape_of(s, f);
+        long double nearer[3], size = 0;
+        if (f == face || !other.seen) continue;
+        for (int i = 0; i < 3; i++)
+            nearer[i] = other.depth[i] - own.depth[i], size += fabsl(other.depth[i]) + fabsl(own.depth[i]);
+        bool same = fabsl(nearer[0]) + fabsl(nearer[1]) + fabsl(nearer[2]) < 1e-13L * size;
+        if (same && f > face) continue;
+        uint32_t kept = 0;
+        for (uint32_t i = 0; i < n; i++) {
+            Part in = row[now][i];
+            for (int k = 0; k < 4 && in.n; k++) {
+                if (k == 3 && same) break;
+                const long double *g = k < 3 ? other.edge[k] : nearer;
+                Part rest = part_cut(&in, g, -1);
+                in = part_cut(&in, g, 1);
+                if (rest.n && kept == SCENE_PARTS) return false;
+                if (rest.n) row[!now][kept++] = rest;
+            }
+        }
+        now = !now, n = kept;
+    }
+    for (uint32_t i = 0; i < n; i++) part_add(&row[now][i], sum);
+    return true;
+}
+
+#endif
