@@ -10,5 +10,6 @@
 #include "facets.inc.h"
 #include "cover.inc.h"
 
-const FacetSearch facets_avx2 = {.place = place, .list = list, .survey = survey, .cover = cover_all, .split = split};
+const FacetSearch facets_avx2 = {
+    .read = read, .place = place, .list = list, .survey = survey, .cover = cover_all, .split = split};
 #endif

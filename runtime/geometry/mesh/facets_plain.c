@@ -9,4 +9,5 @@
 #include "facets.inc.h"
 #include "cover.inc.h"
 
-const FacetSearch facets_plain = {.place = place, .list = list, .survey = survey, .cover = cover_all, .split = split};
+const FacetSearch facets_plain = {
+    .read = read, .place = place, .list = list, .survey = survey, .cover = cover_all, .split = split};

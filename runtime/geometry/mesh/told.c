@@ -23,7 +23,8 @@ static pthread_once_t once = PTHREAD_ONCE_INIT;
 
 static void release(void *p) {
     Store *s = p;
-    free(s->unit), free(s->list.data), free(s->eight.data), free(s->candidate.data), free(s->facet.data);
+    free(s->unit), free(s->list.data), free(s->near.data), free(s->found.data), free(s->candidate.data);
+    free(s->facet.data);
     free(s->chosen.data), free(s->crossing.data), free(s->piece.data), free(s);
 }
 
