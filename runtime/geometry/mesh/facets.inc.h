@@ -15,28 +15,28 @@ INLINE void size_of(const Flt8 *x, Flt8 *size) {
     keep_max(size, &negative);
 }
 
-/* Which of a node's boxes are not wholly outside of one of the planes through the eye? */
-INLINE uint32_t boxes_in(const BvhNode *n, const double plane[5][3], const double eye[3], double slack) {
-    Int8 out = {0};
+/* A plane through the eye; what is not on its positive side by more than `slack` is outside. */
+typedef struct Plane {
+    double normal[3], slack;
+} Plane;
+
+/* Which of a node's boxes are not wholly outside of one of the planes? */
+INLINE uint32_t boxes_in(const BvhNode *n, const Plane plane[4], const double eye[3]) {
     Flt8 lo[3], hi[3];
     for (int a = 0; a < 3; a++) {
-        lo[a] = __builtin_convertvector(*(const Narrow *)n->lo[a], Flt8) - (eye[a] + slack);
-        hi[a] = __builtin_convertvector(*(const Narrow *)n->hi[a], Flt8) - (eye[a] - slack);
+        lo[a] = __builtin_convertvector(*(const Narrow *)n->lo[a], Flt8) - eye[a];
+        hi[a] = __builtin_convertvector(*(const Narrow *)n->hi[a], Flt8) - eye[a];
     }
-    for (int p = 0; p < 5; p++) {
-        Flt8 most = {0}, size = {0};
-        for (int a = 0; a < 3; a++) {
-            Flt8 x = plane[p][a] * (plane[p][a] > 0 ? hi[a] : lo[a]), absolute;
-            size_of(&x, &absolute);
-            most += x, size += absolute;
-        }
-        out |= most < -1e-12 * size;
+    Int8 in = lo[0] <= hi[0];
+    for (int p = 0; p < 4; p++) {
+        Flt8 most = (Flt8){0} + plane[p].slack;
+        for (int a = 0; a < 3; a++) most += plane[p].normal[a] * (plane[p].normal[a] > 0 ? hi[a] : lo[a]);
+        in &= most >= 0;
     }
-    Int8 in = ~out & (lo[0] <= hi[0]);
     return bits(&in);
 }
 
-static void list_triangles(Search *s, const double plane[5][3], const double eye[3]) {
+static void list_triangles(Search *s, const Plane plane[4], const double eye[3]) {
     const BvhScene *scene = &s->scene->tree;
     const Bvh *b = scene->bvh;
     int32_t stack[BVH_STACK];
@@ -46,7 +46,7 @@ static void list_triangles(Search *s, const double plane[5][3], const double eye
     stack[depth++] = 0;
     while (depth) {
         const BvhNode *n = &b->node[stack[--depth]];
-        for (uint32_t in = boxes_in(n, plane, eye, scene->slack); in; in &= in - 1) {
+        for (uint32_t in = boxes_in(n, plane, eye); in; in &= in - 1) {
             const int32_t child = n->child[__builtin_ctz(in)];
             if (child >= 0) {
                 if (child) stack[depth++] = child;
@@ -92,9 +92,10 @@ static void make_columns(const Search *s, const Window *w, const Rectangle *r, c
         Flt8 along, at;
         dot8(p[k], w->plane[2], &along);
         ahead &= along > 0;
+        along = 1 / along;
         for (int i = 0; i < 2; i++) {
             dot8(p[k], w->plane[i], &at);
-            at /= along;
+            at *= along;
             keep_min(&lo[i], &at), keep_max(&hi[i], &at);
         }
     }
@@ -122,8 +123,9 @@ static void make_columns(const Search *s, const Window *w, const Rectangle *r, c
     size_of(&det, &size);
     const Int8 back = det < 0, good = (size > 0) & (size <= DBL_MAX);
     *in &= bits(&good), *turned = bits(&back);
+    const Flt8 inverse = 1 / det;
     for (int a = 0; a < 3; a++) {
-        *(Wide *)out->depth[a] = sum[a] / det;
+        *(Wide *)out->depth[a] = sum[a] * inverse;
         for (int k = 0; k < 3; k++) *(Wide *)out->normal[k][a] = (Flt8)((Int8)normal[k][a] ^ (back & INT64_MIN));
     }
     for (int i = 0; i < 2; i++) *(Wide *)out->lo[i] = lo[i], *(Wide *)out->hi[i] = hi[i];
@@ -150,18 +152,20 @@ static void add_eight(Search *s, const Window *w, const Rectangle *r, const int3
 }
 
 static void list(Search *s, const Window *w, const Rectangle *r) {
-    double plane[5][3];
-    for (int a = 0; a < 3; a++) {
-        const double *const *row = (const double *const[]){w->plane[0], w->plane[1], w->plane[2]};
-        for (int i = 0; i < 2; i++) {
-            plane[2 * i][a] = row[i][a] - r->lo[i] * row[2][a];
-            plane[2 * i + 1][a] = r->hi[i] * row[2][a] - row[i][a];
+    const BvhScene *scene = &s->scene->tree;
+    Plane plane[4];
+    for (int p = 0; p < 4; p++) {
+        const double sign = p & 1 ? -1 : 1, at = p & 1 ? r->hi[p / 2] : r->lo[p / 2];
+        plane[p].slack = 0;
+        for (int a = 0; a < 3; a++) {
+            const double n = sign * (w->plane[p / 2][a] - at * w->plane[2][a]),
+                         far = scene->bvh->magnitude + fabs(w->eye[a]) + scene->slack;
+            plane[p].normal[a] = n, plane[p].slack += fabs(n) * (scene->slack + 1e-12 * far);
         }
-        plane[4][a] = row[2][a];
     }
     Store *store = s->store;
     store->near.n = 0;
-    list_triangles(s, (const double(*)[3])plane, w->eye);
+    list_triangles(s, plane, w->eye);
     for (uint32_t i = 0; i < store->list.n; i += 8)
         add_eight(s, w, r, store->list.data + i, store->list.n - i < 8 ? store->list.n - i : 8);
 }

@@ -8,8 +8,6 @@
 #define F64 1
 #include "lanes.h"
 #include "facets.inc.h"
-#include "cover.inc.h"
 
-const FacetSearch facets_avx2 = {
-    .read = read, .place = place, .list = list, .survey = survey, .cover = cover_all, .split = split};
+const FacetSearch facets_avx2 = {.read = read, .place = place, .list = list, .survey = survey};
 #endif

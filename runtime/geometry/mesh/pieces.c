@@ -118,9 +118,11 @@ static bool meets(const Facet *f, const Rectangle *r, double *most, double *leas
 static void look(Search *s, uint32_t from, uint32_t n, const Rectangle *r, int halvings) {
     Store *store = s->store;
     if (n <= FEW || halvings == HALVINGS) {
-        s->scene->facets->cover(store, r, from, n);
-        for (uint32_t i = 0; i < store->piece.n; i++)
-            if (store->piece.data[i].n >= 3 && store->piece.data[i].facet >= 0) told_piece(s, &store->piece.data[i]);
+        cover_all(store, r, from, n);
+        for (uint32_t i = 0; i < store->live.n; i++) {
+            const Polygon *p = &store->piece.data[store->live.data[i]];
+            if (p->n && p->facet >= 0) told_piece(s, p);
+        }
         return;
     }
     const int axis = r->hi[0] - r->lo[0] >= r->hi[1] - r->lo[1] ? 0 : 1;
@@ -171,8 +173,9 @@ static void look_through(Search *s, Candidate *c, uint32_t n) {
 }
 
 /* Lanes from `base` on that look from one eye through windows side by side, which are listed for together. */
-static Neighbours neighbours(const Beams *b, uint32_t base, uint32_t width, const Places *lie, Rectangle *all) {
-    Neighbours n = {.base = base, .last = base, .alike = true};
+static void neighbours(const Beams *b, uint32_t base, uint32_t width, const Places *lie, Rectangle *all,
+                       Neighbours *n) {
+    n->base = n->last = base, n->alike = true;
     double area = 1;
     *all = (Rectangle){{0, 0}, {1, 1}};
     for (uint32_t k = base + 1; k < width; k++) {
@@ -185,10 +188,9 @@ static Neighbours neighbours(const Beams *b, uint32_t base, uint32_t width, cons
         }
         if (!(area_of(&wider) <= SPARSE * (area + area_of(&own)))) break;
         area += area_of(&own);
-        *all = wider, n.last = k;
-        for (int r = SLT_BEAM_U; r < SLT_BEAM_ROWS; r++) n.alike &= b->row[r][k] == b->row[r][base];
+        *all = wider, n->last = k;
+        for (int r = SLT_BEAM_U; r < SLT_BEAM_ROWS; r++) n->alike &= b->row[r][k] == b->row[r][base];
     }
-    return n;
 }
 
 bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint32_t width, int32_t *witness) {
@@ -196,6 +198,7 @@ bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint3
     Beams beams;
     Places lie;
     Rectangle all;
+    Neighbours group;
     for (uint32_t k = 0; k < width; k++) witness[k] = 0;
     if (!s.store || !s.store->n) return false;
     s.store->lost = false;
@@ -209,7 +212,7 @@ bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint3
         }
         window_planes(&window);
         scene->facets->place(&window, &beams, width, &lie);
-        Neighbours group = neighbours(&beams, base, width, &lie, &all);
+        neighbours(&beams, base, width, &lie, &all, &group);
         scene->facets->list(&s, &window, &all);
         scene->facets->survey(&s, &beams, &lie, &group);
         for (uint32_t k = base; k <= group.last; k++) {

@@ -25,7 +25,7 @@ static void release(void *p) {
     Store *s = p;
     free(s->unit), free(s->list.data), free(s->near.data), free(s->found.data), free(s->candidate.data);
     free(s->facet.data);
-    free(s->chosen.data), free(s->crossing.data), free(s->piece.data), free(s);
+    free(s->chosen.data), free(s->crossing.data), free(s->piece.data), free(s->live.data), free(s);
 }
 
 static void make_key(void) { (void)pthread_key_create(&key, release); }
@@ -258,7 +258,7 @@ static void tell_in_two(Search *s, const Polygon *p) {
         g[0] = ds, g[1] = dt, g[2] = -0.5 * (ds * (p->s[next] + p->s[k]) + dt * (p->t[next] + p->t[k]));
     }
     Polygon half[2];
-    s->scene->facets->split(p, g, SIDE_FIXED, &half[0], &half[1]);
+    cover_split(p, g, SIDE_FIXED, &half[0], &half[1]);
     for (int i = 0; i < 2; i++)
         if (half[i].n < p->n + 2) told_piece(s, &half[i]);
 }

@@ -55,7 +55,7 @@ typedef struct Crossing {
 
 enum {
     CORNERS = 16, /* of a polygon, at most; one that is kept has at most KEPT */
-    KEPT = 8
+    KEPT = 12
 };
 #define ON_LINE 2e-13 /* of a window's side: nearer to a line is on it */
 #define SAME_DEPTH 1e-11
@@ -89,7 +89,8 @@ typedef struct Store {
     ROW(Facet) facet;
     ROW(uint32_t) chosen; /* facets of a part of the window */
     ROW(Crossing) crossing;
-    ROW(Polygon) piece;
+    ROW(Polygon) piece; /* number 0 is none */
+    ROW(uint32_t) live; /* those of the row */
 } Store;
 
 /* Room for `more`; false: there is none, which the store remembers. */
@@ -129,7 +130,7 @@ typedef struct Neighbours {
     uint32_t first[LANES + 1];
 } Neighbours;
 
-/* facets.inc.h, cover.inc.h */
+/* facets.inc.h */
 typedef struct FacetSearch {
     void (*read)(Beams *b, bool f64, const void *rays, uint64_t mask, uint32_t width);
     void (*place)(const Window *window, const Beams *b, uint32_t width, Places *out);
@@ -137,10 +138,6 @@ typedef struct FacetSearch {
     void (*list)(Search *s, const Window *window, const Rectangle *r);
     /* Fills store->candidate with those of them that the windows may see. */
     void (*survey)(Search *s, const Beams *b, const Places *lie, Neighbours *n);
-    /* store->piece becomes what is seen in a rectangle of facets chosen[from], ..., nearest first. */
-    void (*cover)(Store *store, const Rectangle *r, uint32_t from, uint32_t n);
-    /* What lies on either side of the line g = 0; in: where it is positive. */
-    void (*split)(const Polygon *p, const double g[3], uint32_t side, Polygon *in, Polygon *out);
 } FacetSearch;
 
 void window_planes(Window *w);
@@ -162,6 +159,11 @@ static inline void window_vertex(const Search *s, int32_t vertex, double out[3])
             (s->f64 ? ((const double *)s->scene->values)[at + a] : (double)((const float *)s->scene->values)[at + a]) -
             s->window.eye[a];
 }
+
+/* cover.c: store->live becomes what is seen in a rectangle of facets chosen[from], ..., nearest first. */
+void cover_all(Store *store, const Rectangle *r, uint32_t from, uint32_t n);
+/* What lies on either side of the line g = 0; in: where it is positive. */
+void cover_split(const Polygon *p, const double g[3], uint32_t side, Polygon *in, Polygon *out);
 
 /* told.c */
 Store *told_store(void); /* of the thread; NULL: out of memory */
