@@ -18,6 +18,11 @@ enum { SLT_MESH_FACE = 3, SLT_MESH_PART = 1, SLT_MESH_UV = 12 }; /* integers a t
 #define SLT_MESH_TOPOLOGY(nfaces, has_uv) \
     ((uint64_t)(nfaces) * (SLT_MESH_FACE + SLT_MESH_PART + ((has_uv) ? SLT_MESH_UV : 0)))
 
+/* Behind all topologies, where a program asks for it:
+ *   the part of each vertex [nvertices]
+ *   rings [nvertices + 1][...]  where the faces around each vertex begin, and end; then these faces [nfaces * 3] */
+#define SLT_MESH_RINGS(nvertices, nfaces) ((uint64_t)(nvertices) + 1 + 3 * (uint64_t)(nfaces))
+
 /* A beam, the rows of SLT_QUERY_PIECES: what is seen from the eye through the window corner + s u + t v, s and t in
  * [0, 1]. Behind them the answer of SLT_QUERY_BEGIN, which only says that it was asked before. */
 enum { SLT_BEAM_EYE = 0, SLT_BEAM_CORNER = 3, SLT_BEAM_U = 6, SLT_BEAM_V = 9, SLT_BEAM_ROWS = 12 };
@@ -46,5 +51,26 @@ enum {
     SLT_SIDE_S1,
     SLT_SIDE_T1
 };
+
+/* The rows of SLT_QUERY_BETWEEN: a ray, its partner, the face that either meets (below 0: none), what parts them and
+ * which of its two numbers is asked for.
+ *
+ * The numbers are those of a side, SLT_SIDE_A and SLT_SIDE_B; and of the triangle a that passes an end of the rays b is
+ * a (t = t0) or ~a (t = t1). Kernels hand them on as floats of their precision. */
+enum {
+    SLT_PAIR_OTHER = 8,
+    SLT_PAIR_FACE = 16,
+    SLT_PAIR_OTHER_FACE,
+    SLT_PAIR_EDGES, /* which edges part two that see one surface: SLT_EDGES_* */
+    SLT_PAIR_WHICH, /* 0 a, 1 b */
+    SLT_PAIR_ROWS
+};
+enum {
+    SLT_EDGES_NONE,
+    SLT_EDGES_SEAMS, /* at which u, v of the two faces differ: of a mesh that has any */
+    SLT_EDGES_ALL
+};
+enum { SLT_BETWEEN_LOST = -4 };    /* for a: something may part them, and it was not found */
+enum { SLT_MESH_EXACT = 1 << 24 }; /* vertices and triangles that floats in single precision number */
 
 #endif

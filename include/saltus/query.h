@@ -48,7 +48,9 @@ enum {
  * BLOCKED     of a box of rays: whether TRACE finds a point for all of them, for none, or that is not known
  * BEGIN       0, and what the thread was told of pieces is forgotten: before the first PIECES of a vector of samples
  * PIECES      what is seen through a window: the unit of the first piece (saltus/mesh.h) in SltToldFn, 0 for none
- * SEEN        PIECES whose sides are not told */
+ * SEEN        PIECES whose sides are not told
+ * BETWEEN     what parts two rays that meet different faces: one of the two numbers of a line (saltus/mesh.h), or NONE
+ */
 typedef enum SltQuery {
 #define QUERY(id, ...) SLT_QUERY_##id,
 #include "saltus/queries.def"

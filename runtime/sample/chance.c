@@ -13,6 +13,7 @@
 #include "runtime/sample/alloc.h"
 #include "runtime/sample/bars.h"
 #include "runtime/sample/chance.h"
+#include "runtime/sample/derived.h"
 #include "runtime/sample/untie.h"
 
 enum {
@@ -46,7 +47,8 @@ static bool serves(const Run *r) {
     bool decides = s->layout[SLT_K_REGION].reads & ((uint64_t)1 << SLT_IN_STREAM | (uint64_t)1 << SLT_IN_RAND0);
     if (!s->uses_rand || !decides || !s->nsites || s->detached || s->ngeometries || !s->kernel[SLT_K_SIDES])
         return false;
-    if (scene_outputs(s, SLT_K_REGION, SLT_OUT_DEPTH)) return false; /* regions do not tell all there is */
+    if (scene_outputs(s, SLT_K_REGION, SLT_OUT_DEPTH) || scene_outputs(s, SLT_K_REGION, SLT_OUT_FACE))
+        return false; /* regions do not tell all there is */
     for (uint32_t i = 0; i < s->nsites && s->site_static; i++)
         if (s->site_static[i]) return false;
     return !s->site_kind || !memchr(s->site_kind, SLT_SITE_SILHOUETTE, s->nsites);
@@ -217,7 +219,7 @@ static bool is_starved(const Chance *k, uint32_t p, uint32_t nfloats, uint32_t c
 /* Parameters to ask about, [nfloats]; how many. */
 static uint32_t ask_of(const SltScene *s, const Chance *k, Whose whose, uint32_t columns, uint8_t *asked) {
     uint32_t n = 0;
-    for (uint32_t p = 0; p < s->nfloats; p++) {
+    for (uint32_t p = 0; p < scene_params(s); p++) {
         asked[p] = (!s->active || s->active[p]) && (whose == WHOSE_ALL || is_starved(k, p, s->nfloats, columns));
         n += asked[p];
     }

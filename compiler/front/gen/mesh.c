@@ -28,14 +28,16 @@ static Inst *of_triangle(Lower *l, const Symbol *sym, uint32_t base, uint32_t co
     return param_int(l, sym, base + k, op2(l, OP_imul, tri, ki(l, count)), (sym->nfaces - 1) * count, TY_INT);
 }
 
+/* What slice `base` of the floats has of a vertex. */
+static void of_vertex(Lower *l, const Symbol *sym, uint32_t base, Inst *vertex, Vec3 out) {
+    Inst *at = op2(l, OP_imul, clamp_index(l, vertex, false, sym->nvertices), ki(l, 3));
+    for (uint32_t a = 0; a < 3; a++) out[a] = slice_float(l, base + a, at, 3 * (sym->nvertices - 1));
+}
+
 /* The corners of a triangle. */
 static void corners(Lower *l, const Symbol *sym, Inst *tri, Vec3 out[3]) {
-    const uint32_t last = sym->nvertices - 1;
-    for (uint32_t k = 0; k < 3; k++) {
-        Inst *vertex = clamp_index(l, of_triangle(l, sym, 0, SLT_MESH_FACE, k, tri), false, sym->nvertices),
-             *at = op2(l, OP_imul, vertex, ki(l, 3));
-        for (uint32_t a = 0; a < 3; a++) out[k][a] = param_float(l, sym, a, at, 3 * last);
-    }
+    for (uint32_t k = 0; k < 3; k++)
+        of_vertex(l, sym, gen_placed(l, sym), of_triangle(l, sym, 0, SLT_MESH_FACE, k, tri), out[k]);
 }
 
 /* One of the two texture coordinates of a triangle's corner: the sum of two floats. */
@@ -98,18 +100,18 @@ static First first_of(Lower *l, const Symbol *sym, const Ray *r, const Val *o, c
     return f;
 }
 
-static Val trace(Lower *l, Expr *e, const Symbol *sym, const Ray *r, const Val *o, const Val *d) {
+/* hit: whether; whether as one who tells faces apart, and places of a texture. */
+static Val trace(Lower *l, Expr *e, const Symbol *sym, const Ray *r, const Val *o, const Val *d, const First *f,
+                 Inst *hit, Inst *hit_face, Inst *hit_uv) {
     Val v = val_new(l, e->type);
-    First f = first_of(l, sym, r, o, d);
-    Inst *hit = f.hit, *tri = f.tri;
-    const Met m = f.met;
-    site_untracked(l, f.id, m.t, NULL, e->span, JUMP_ALWAYS);
+    Inst *tri = f->tri;
+    const Met m = f->met;
     v.c[0] = hit;
     v.c[1] = sel(l, hit, m.t, r->t1);
     /* A miss is at tmax, and its p is the origin: finite whatever tmax is. */
     Inst *to = sel(l, hit, m.t, kf(l, 0));
     for (int a = 0; a < 3; a++) v.c[2 + a] = add(l, o->c[a], mul(l, to, d->c[a]));
-    normal_of(l, &m, hit, v.c + 5);
+    normal_of(l, &m, hit_face, v.c + 5);
     for (uint32_t c = 0; c < 2; c++) {
         Inst *u = m.weight[1 + c];
         if (sym->has_uv) {
@@ -119,10 +121,11 @@ static Val trace(Lower *l, Expr *e, const Symbol *sym, const Ray *r, const Val *
                 u = u ? add(l, u, part) : part;
             }
         }
-        v.c[8 + c] = sel(l, hit, u, kf(l, 0));
+        v.c[8 + c] = sel(l, hit_uv, u, kf(l, 0));
     }
-    v.c[10] = sel(l, hit, tri, ki(l, -1));
+    v.c[10] = sel(l, hit_face, tri, ki(l, -1));
     v.c[11] = sel(l, hit, of_triangle(l, sym, sym->nfaces * SLT_MESH_FACE, SLT_MESH_PART, 0, tri), ki(l, -1));
+    v.c[12] = f->id;
     return v;
 }
 
@@ -170,9 +173,8 @@ static Inst *told(Lower *l, const Beam *b, uint32_t which, Inst *unit, IrType t)
 }
 
 static void vertex_from(Lower *l, const Beam *b, Inst *number, Vec3 out) {
-    const Symbol *sym = b->sym;
-    Inst *at = op2(l, OP_imul, clamp_index(l, number, false, sym->nvertices), ki(l, 3));
-    for (uint32_t a = 0; a < 3; a++) out[a] = sub(l, param_float(l, sym, a, at, 3 * (sym->nvertices - 1)), b->eye[a]);
+    of_vertex(l, b->sym, gen_placed(l, b->sym), number, out);
+    minus(l, out, b->eye, out);
 }
 
 /* The plane of a triangle seen from the eye: d . normal / det is 1 / t. */
@@ -302,28 +304,134 @@ static Val next(Lower *l, Expr *e, const Symbol *sym) {
     return piece_of(l, e->type, sym, unit, q.c + PIECE_BEAM);
 }
 
+/* ---- sites
+ *
+ * What parts two rays, an edge, a crossing or an end of theirs, is found by a query of the pair (compiler/pass/
+ * variant_mesh.c), which names it by two numbers as sides of pieces are named. g is arithmetic on the vertices behind
+ * them. A program that tells faces apart has a second site, whose
+ * events are all edges; one that looks up textures one whose events are seams. */
+
+/* d . (n t - det): below 0 on one side of the plane; where the ray at t is in the triangle's plane, 0. */
+static Inst *end_in_plane(Lower *l, const Beam *b, Inst *tri, Inst *const d[3], Inst *t) {
+    Vec3 n;
+    Inst *det;
+    plane_from(l, b, tri, n, &det);
+    return sub(l, mul(l, t, dot_n(l, d, n, 3)), det);
+}
+
+/* Of two planes the difference of 1 / t, times both determinants: a polynomial. */
+static Inst *planes_cross(Lower *l, const Beam *b, Inst *one, Inst *two, Inst *const d[3]) {
+    Vec3 n[2];
+    Inst *det[2];
+    plane_from(l, b, one, n[0], &det[0]);
+    plane_from(l, b, two, n[1], &det[1]);
+    return sub(l, mul(l, dot_n(l, d, n[0], 3), det[1]), mul(l, dot_n(l, d, n[1], 3), det[0]));
+}
+
+static Inst *g_of_line(Lower *l, const Beam *b, const Ray *r, Inst *const d[3], Inst *one, Inst *two) {
+    Var *g = var_new(l, TY_FLT, 1);
+    IfCtx edge, crossing;
+    g->value = kf(l, 0);
+    if_begin(l, &edge, op2(l, OP_ilt, one, two));
+    Vec3 p, q, along, n;
+    vertex_from(l, b, one, p);
+    vertex_from(l, b, two, q);
+    minus(l, q, p, along);
+    cross(l, p, along, n);
+    var_set(l, g, dot_n(l, d, n, 3));
+    if_else(l, &edge);
+    Inst *near = op2(l, OP_ieq, one, two), *first = triangle_in(l, b->sym, one),
+         *second = triangle_in(l, b->sym, op2(l, OP_isub, ki(l, -1), two));
+    if_begin(l, &crossing, op2(l, OP_bor, near, op2(l, OP_ieq, first, second)));
+    var_set(l, g, end_in_plane(l, b, first, d, sel(l, near, r->t0, r->t1)));
+    if_else(l, &crossing);
+    var_set(l, g, planes_cross(l, b, first, second, d));
+    if_end(l, &crossing);
+    if_end(l, &edge);
+    return var_get(l, g);
+}
+
+/* f.hit as a site. */
+static Inst *line_site(Lower *l, const Symbol *sym, const Ray *r, const Val *o, const Val *d, const First *f,
+                       SiteKind kind, Span span) {
+    const Beam from = {.sym = sym, .geometry = gen_geometry_number(l, (Searched){.sym = sym}), .eye = o->c};
+    int edges = kind == SITE_MESH_FACE ? SLT_EDGES_ALL : kind == SITE_MESH_SEAM ? SLT_EDGES_SEAMS : SLT_EDGES_NONE;
+    Inst *face = op1(l, OP_i2f, f->id), *number[2];
+    for (uint32_t k = 0; k < 2; k++) {
+        Inst *ray[] = {r->x, r->y, r->z, r->dx, r->dy, r->dz, r->t0, r->t1}, *args[SLT_PAIR_ROWS];
+        for (uint32_t i = 0; i < SLT_PAIR_OTHER; i++) args[i] = args[SLT_PAIR_OTHER + i] = ray[i];
+        args[SLT_PAIR_FACE] = args[SLT_PAIR_OTHER_FACE] = face;
+        args[SLT_PAIR_EDGES] = kf(l, edges), args[SLT_PAIR_WHICH] = kf(l, k);
+        number[k] = special(l, OP_query, TY_INT, SLT_PAIR_ROWS, args,
+                            (Imm){.query = {from.geometry, SLT_QUERY_BETWEEN, l->geometries.data[from.geometry].base}});
+    }
+    return site_ray(l, kind, f->hit, g_of_line(l, &from, r, d->c, number[0], number[1]), span);
+}
+
+static void want_exact_numbers(Lower *l, const Symbol *sym) {
+    uint32_t most = sym->nvertices > sym->nfaces ? sym->nvertices : sym->nfaces;
+    if (l->fn->precision == PREC_F32 && most >= SLT_MESH_EXACT)
+        session_limit(l->s,
+                      "[Disc] on the mesh `%s` in f32: floats cannot number its %u vertices and %u triangles; "
+                      "--precision f64 can",
+                      sym->name, sym->nvertices, sym->nfaces);
+}
+
+/* ---- normals that bend with the surface */
+
+enum { HIT_HIT = 0, HIT_P = 2, HIT_TRI = 10 }; /* among the parts of a MeshHit */
+
+/* Normals of the corners, weighted by the areas that p cuts the triangle into. */
+static Val smooth_normal(Lower *l, Expr *e, const Symbol *sym) {
+    Val v = val_new(l, e->type), hit = gen_expr(l, e->args[0]);
+    Inst *found = op2(l, OP_band, hit.c[HIT_HIT], op2(l, OP_ile, ki(l, 0), hit.c[HIT_TRI])),
+         *tri = triangle_in(l, sym, hit.c[HIT_TRI]), *sum[3] = {kf(l, 0), kf(l, 0), kf(l, 0)};
+    Vec3 corner[3], from[3], p, q, across, part, normal;
+    corners(l, sym, tri, corner);
+    minus(l, corner[1], corner[0], p);
+    minus(l, corner[2], corner[0], q);
+    cross(l, p, q, across);
+    Inst *whole = dot_n(l, across, across, 3), *real = op2(l, OP_fne, whole, kf(l, 0));
+    for (int k = 0; k < 3; k++) minus(l, corner[k], hit.c + HIT_P, from[k]);
+    for (uint32_t k = 0; k < 3; k++) {
+        cross(l, from[(k + 1) % 3], from[(k + 2) % 3], part);
+        Inst *area = op2(l, OP_fdiv, dot_n(l, part, across, 3), sel(l, real, whole, kf(l, 1)));
+        of_vertex(l, sym, gen_normals(l, sym), of_triangle(l, sym, 0, SLT_MESH_FACE, k, tri), normal);
+        for (int a = 0; a < 3; a++) sum[a] = add(l, sum[a], mul(l, area, normal[a]));
+    }
+    Inst *square = dot_n(l, sum, sum, 3), *some = op2(l, OP_band, found, op2(l, OP_fne, square, kf(l, 0))),
+         *length = op1(l, OP_fsqrt, sel(l, some, square, kf(l, 1)));
+    for (int a = 0; a < 3; a++) v.c[a] = sel(l, some, op2(l, OP_fdiv, sum[a], length), kf(l, 0));
+    return v;
+}
+
 Val gen_mesh(Lower *l, Expr *e, const Symbol *sym) {
     const MethodInfo *method = &methods[e->method];
-    bool pieces = e->method == M_MESH_FIRST || e->method == M_MESH_NEXT;
-    const char *why = l->quiet ? "is asked by the shader itself, not by bounds and initial values"
-                      : l->tag.disc && !pieces
-                          ? "is no site yet: its silhouettes are not integrated, so take [Disc] away"
-                          : NULL;
-    if (why) {
-        diag_emit(l->s, DIAG_geometry_query, e->span, method->name, sym->type->name, why);
+    if (l->quiet) {
+        diag_emit(l->s, DIAG_geometry_query, e->span, method->name, sym->type->name,
+                  "is asked by the shader itself, not by bounds, initial values and what places vertices");
         gen_giveup(l);
     }
     if (e->method == M_MESH_FIRST) return first(l, e, sym);
     if (e->method == M_MESH_NEXT) return next(l, e, sym);
+    if (e->method == M_MESH_SMOOTH) return smooth_normal(l, e, sym);
     Val o = gen_expr(l, e->args[0]), d = gen_expr(l, e->args[1]);
     Inst *t0 = gen_scalar(l, e->args[2]), *t1 = gen_scalar(l, e->args[3]);
     Ray r = {.x = o.c[0], .y = o.c[1], .z = o.c[2], .dx = d.c[0], .dy = d.c[1], .dz = d.c[2], .t0 = t0, .t1 = t1};
-    if (e->method == M_MESH_TRACE) return trace(l, e, sym, &r, &o, &d);
-    Val v = val_new(l, e->type);
     /* The first point says what the jump depends on; kernels that do not ask for it get the cheaper OCCLUDED
      * (opt_hits). */
     First f = first_of(l, sym, &r, &o, &d);
-    v.c[0] = f.hit;
-    site_untracked(l, f.hit, f.met.t, NULL, e->span, JUMP_BUILTIN);
+    bool traces = e->method == M_MESH_TRACE, disc = traces ? site_wanted(l, f.id, f.met.t, e->span, JUMP_ALWAYS)
+                                                           : site_wanted(l, f.hit, f.met.t, e->span, JUMP_BUILTIN);
+    Inst *hit = f.hit, *hit_face = hit, *hit_uv = hit;
+    if (disc) {
+        want_exact_numbers(l, sym);
+        hit = line_site(l, sym, &r, &o, &d, &f, traces ? SITE_MESH : SITE_MESH_SHADOW, e->span);
+        if (traces) hit_uv = hit_face = line_site(l, sym, &r, &o, &d, &f, SITE_MESH_FACE, e->span);
+        if (traces && sym->has_uv) hit_uv = line_site(l, sym, &r, &o, &d, &f, SITE_MESH_SEAM, e->span);
+    }
+    if (traces) return trace(l, e, sym, &r, &o, &d, &f, hit, hit_face, hit_uv);
+    Val v = val_new(l, e->type);
+    v.c[0] = hit;
     return v;
 }

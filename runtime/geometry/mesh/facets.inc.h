@@ -1,16 +1,20 @@
-/* Triangles that windows may see, eight at a time. Include behind lanes.h with F64 1.
+/* Triangles that windows may see, eight at a time. Include behind lanes.h.
  *
  * What is listed for several windows of one eye does not decide what one of them sees: `survey` asks each triangle
  * again, by arithmetic of the window alone. */
-typedef Flt8 Wide __attribute__((aligned(8)));
+typedef D8 Wide __attribute__((aligned(8)));
 typedef float Narrow __attribute__((vector_size(32), aligned(4)));
+
+/* NaN is left out. */
+INLINE void keep_min(D8 *a, const D8 *b) { *a = lower_D8(*b, *a); }
+INLINE void keep_max(D8 *a, const D8 *b) { *a = higher_D8(*b, *a); }
 
 #define BESIDE 1e-9 /* by which what lies where is widened */
 
-INLINE void dot8(const Flt8 a[3], const double b[3], Flt8 *out) { *out = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+INLINE void dot8(const D8 a[3], const double b[3], D8 *out) { *out = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
-INLINE void size_of(const Flt8 *x, Flt8 *size) {
-    Flt8 negative = -*x;
+INLINE void size_of(const D8 *x, D8 *size) {
+    D8 negative = -*x;
     *size = *x;
     keep_max(size, &negative);
 }
@@ -22,18 +26,18 @@ typedef struct Plane {
 
 /* Which of a node's boxes are not wholly outside of one of the planes? */
 INLINE uint32_t boxes_in(const BvhNode *n, const Plane plane[4], const double eye[3]) {
-    Flt8 lo[3], hi[3];
+    D8 lo[3], hi[3];
     for (int a = 0; a < 3; a++) {
-        lo[a] = __builtin_convertvector(*(const Narrow *)n->lo[a], Flt8) - eye[a];
-        hi[a] = __builtin_convertvector(*(const Narrow *)n->hi[a], Flt8) - eye[a];
+        lo[a] = __builtin_convertvector(*(const Narrow *)n->lo[a], D8) - eye[a];
+        hi[a] = __builtin_convertvector(*(const Narrow *)n->hi[a], D8) - eye[a];
     }
-    Int8 in = lo[0] <= hi[0];
+    L8 in = lo[0] <= hi[0];
     for (int p = 0; p < 4; p++) {
-        Flt8 most = (Flt8){0} + plane[p].slack;
+        D8 most = (D8){0} + plane[p].slack;
         for (int a = 0; a < 3; a++) most += plane[p].normal[a] * (plane[p].normal[a] > 0 ? hi[a] : lo[a]);
         in &= most >= 0;
     }
-    return bits(&in);
+    return bits_D8(in);
 }
 
 static void list_triangles(Search *s, const Plane plane[4], const double eye[3]) {
@@ -63,7 +67,7 @@ static void list_triangles(Search *s, const Plane plane[4], const double eye[3])
     }
 }
 
-INLINE void corners_of(const Search *s, const double eye[3], const int32_t *triangle, uint32_t n, Flt8 p[3][3]) {
+INLINE void corners_of(const Search *s, const double eye[3], const int32_t *triangle, uint32_t n, D8 p[3][3]) {
     double at[3][3][8];
     for (uint32_t i = 0; i < 8; i++)
         for (int k = 0; k < 3; k++) {
@@ -84,12 +88,12 @@ typedef struct Columns {
 
 static void make_columns(const Search *s, const Window *w, const Rectangle *r, const int32_t *triangle, uint32_t n,
                          Columns *out, uint32_t *in, uint32_t *turned) {
-    Flt8 p[3][3], sum[3], det, size;
+    D8 p[3][3], sum[3], det, size;
     corners_of(s, w->eye, triangle, n, p);
-    Flt8 lo[2] = {(Flt8){0} + HUGE_VAL, (Flt8){0} + HUGE_VAL}, hi[2] = {-lo[0], -lo[1]};
-    Int8 ahead = ~(Int8){0}, outside = {0};
+    D8 lo[2] = {(D8){0} + HUGE_VAL, (D8){0} + HUGE_VAL}, hi[2] = {-lo[0], -lo[1]};
+    L8 ahead = ~(L8){0}, outside = {0};
     for (int k = 0; k < 3; k++) {
-        Flt8 along, at;
+        D8 along, at;
         dot8(p[k], w->plane[2], &along);
         ahead &= along > 0;
         along = 1 / along;
@@ -100,17 +104,17 @@ static void make_columns(const Search *s, const Window *w, const Rectangle *r, c
         }
     }
     for (int i = 0; i < 2; i++) {
-        Flt8 above, below;
+        D8 above, below;
         size_of(&hi[i], &above), size_of(&lo[i], &below);
         lo[i] -= BESIDE * (1 + above + below), hi[i] += BESIDE * (1 + above + below);
         outside |= (lo[i] > r->hi[i]) | (hi[i] < r->lo[i]);
-        lo[i] = (Flt8)((ahead & (Int8)lo[i]) | (~ahead & (Int8)((Flt8){0} - HUGE_VAL)));
-        hi[i] = (Flt8)((ahead & (Int8)hi[i]) | (~ahead & (Int8)((Flt8){0} + HUGE_VAL)));
+        lo[i] = (D8)((ahead & (L8)lo[i]) | (~ahead & (L8)((D8){0} - HUGE_VAL)));
+        hi[i] = (D8)((ahead & (L8)hi[i]) | (~ahead & (L8)((D8){0} + HUGE_VAL)));
     }
     outside &= ahead;
-    *in = ~bits(&outside) & ((1u << n) - 1);
+    *in = ~bits_D8(outside) & ((1u << n) - 1);
     if (!*in) return;
-    Flt8 normal[3][3];
+    D8 normal[3][3];
     for (int k = 0; k < 3; k++) {
         const int q = (k + 1) % 3;
         for (int a = 0; a < 3; a++) {
@@ -121,12 +125,12 @@ static void make_columns(const Search *s, const Window *w, const Rectangle *r, c
     for (int a = 0; a < 3; a++) sum[a] = normal[0][a] + normal[1][a] + normal[2][a];
     det = p[0][0] * normal[1][0] + p[0][1] * normal[1][1] + p[0][2] * normal[1][2];
     size_of(&det, &size);
-    const Int8 back = det < 0, good = (size > 0) & (size <= DBL_MAX);
-    *in &= bits(&good), *turned = bits(&back);
-    const Flt8 inverse = 1 / det;
+    const L8 back = det < 0, good = (size > 0) & (size <= DBL_MAX);
+    *in &= bits_D8(good), *turned = bits_D8(back);
+    const D8 inverse = 1 / det;
     for (int a = 0; a < 3; a++) {
         *(Wide *)out->depth[a] = sum[a] * inverse;
-        for (int k = 0; k < 3; k++) *(Wide *)out->normal[k][a] = (Flt8)((Int8)normal[k][a] ^ (back & INT64_MIN));
+        for (int k = 0; k < 3; k++) *(Wide *)out->normal[k][a] = (D8)((L8)normal[k][a] ^ (back & INT64_MIN));
     }
     for (int i = 0; i < 2; i++) *(Wide *)out->lo[i] = lo[i], *(Wide *)out->hi[i] = hi[i];
 }
@@ -181,43 +185,43 @@ static void read(Beams *b, bool f64, const void *rays, uint64_t mask, uint32_t w
         for (uint32_t i = width; i < padded; i++) to[i] = 0;
     }
     for (uint32_t i = 0; i < width; i += 8) {
-        Int8 good = ~(Int8){0};
+        L8 good = ~(L8){0};
         for (uint32_t k = 0; k < SLT_BEAM_ROWS; k++) {
-            const Flt8 at = *(const Wide *)&b->row[k][i];
+            const D8 at = *(const Wide *)&b->row[k][i];
             good &= (at <= 1e30) & (at >= -1e30);
         }
         for (uint32_t a = 0; a < 3; a++)
             *(Wide *)&b->row[SLT_BEAM_CORNER + a][i] -= *(const Wide *)&b->row[SLT_BEAM_EYE + a][i];
-        b->mask &= ~((uint64_t)(~bits(&good) & 255) << i);
+        b->mask &= ~((uint64_t)(~bits_D8(good) & 255) << i);
     }
 }
 
 static void place(const Window *w, const Beams *b, uint32_t width, Places *out) {
     out->ahead = 0;
     for (uint32_t k = 0; k < width; k += 8) {
-        Flt8 u[3], v[3], c[3], at[3][4];
-        Int8 ahead = ~(Int8){0};
+        D8 u[3], v[3], c[3], at[3][4];
+        L8 ahead = ~(L8){0};
         for (int a = 0; a < 3; a++) {
             ahead &= *(const Wide *)&b->row[SLT_BEAM_EYE + a][k] == w->eye[a];
             c[a] = *(const Wide *)&b->row[SLT_BEAM_CORNER + a][k];
             u[a] = *(const Wide *)&b->row[SLT_BEAM_U + a][k], v[a] = *(const Wide *)&b->row[SLT_BEAM_V + a][k];
         }
         for (int i = 0; i < 3; i++) {
-            Flt8 first, s, t;
+            D8 first, s, t;
             dot8(c, w->plane[i], &first), dot8(u, w->plane[i], &s), dot8(v, w->plane[i], &t);
             at[i][0] = first, at[i][1] = first + s, at[i][2] = first + t, at[i][3] = first + s + t;
         }
         for (int q = 0; q < 4; q++) {
-            const Flt8 inverse = 1 / at[2][q];
+            const D8 inverse = 1 / at[2][q];
             ahead &= at[2][q] > 0;
             for (int i = 0; i < 2; i++) at[i][q] *= inverse;
         }
         for (int i = 0; i < 2; i++) {
-            Flt8 lo = at[i][0], hi = lo;
+            D8 lo = at[i][0], hi = lo;
             for (int q = 1; q < 4; q++) keep_min(&lo, &at[i][q]), keep_max(&hi, &at[i][q]);
             *(Wide *)&out->lo[i][k] = lo, *(Wide *)&out->hi[i][k] = hi;
         }
-        out->ahead |= (uint64_t)bits(&ahead) << k;
+        out->ahead |= (uint64_t)bits_D8(ahead) << k;
     }
 }
 
@@ -235,9 +239,9 @@ INLINE void spread_of(const double n[3], const Beams *b, uint32_t lane, double s
 }
 
 /* Of d . n at the corners of the windows of eight lanes. */
-INLINE void range_of(const double n[3], const Beams *b, uint32_t k, bool alike, const double spread[2], Flt8 *least,
-                     Flt8 *most) {
-    Flt8 row[3], c, s, t;
+INLINE void range_of(const double n[3], const Beams *b, uint32_t k, bool alike, const double spread[2], D8 *least,
+                     D8 *most) {
+    D8 row[3], c, s, t;
     for (int a = 0; a < 3; a++) row[a] = *(const Wide *)&b->row[SLT_BEAM_CORNER + a][k];
     dot8(row, n, &c);
     *least = *most = c;
@@ -249,33 +253,33 @@ INLINE void range_of(const double n[3], const Beams *b, uint32_t k, bool alike, 
     dot8(row, n, &s);
     for (int a = 0; a < 3; a++) row[a] = *(const Wide *)&b->row[SLT_BEAM_V + a][k];
     dot8(row, n, &t);
-    Flt8 at[3] = {s + c, t + c, s + t + c};
+    D8 at[3] = {s + c, t + c, s + t + c};
     for (int q = 0; q < 3; q++) keep_min(least, &at[q]), keep_max(most, &at[q]);
 }
 
 /* Appends what the windows of eight lanes may see of a triangle, in no order. */
 INLINE void meet_lanes(Store *store, const Beams *b, const Places *lie, uint32_t number, uint32_t k, uint32_t on,
-                       bool alike, const double spread[4][2], Flt8 *hidden) {
+                       bool alike, const double spread[4][2], D8 *hidden) {
     typedef struct {
         double at[8];
     } Row;
     const Near *t = &store->near.data[number];
-    Int8 in = (*(const Wide *)&lie->lo[0][k] <= t->hi[0]) & (*(const Wide *)&lie->hi[0][k] >= t->lo[0]) &
-              (*(const Wide *)&lie->lo[1][k] <= t->hi[1]) & (*(const Wide *)&lie->hi[1][k] >= t->lo[1]);
-    if (!(bits(&in) & on)) return;
-    Int8 fills = in;
-    Flt8 least, most;
+    L8 in = (*(const Wide *)&lie->lo[0][k] <= t->hi[0]) & (*(const Wide *)&lie->hi[0][k] >= t->lo[0]) &
+            (*(const Wide *)&lie->lo[1][k] <= t->hi[1]) & (*(const Wide *)&lie->hi[1][k] >= t->lo[1]);
+    if (!(bits_D8(in) & on)) return;
+    L8 fills = in;
+    D8 least, most;
     for (int e = 0; e < 3; e++) {
         range_of(t->normal[e], b, k, alike, spread[e], &least, &most);
         in &= most > 0, fills &= least > 0;
     }
     range_of(t->depth, b, k, alike, spread[3], &least, &most);
     in &= (most >= *hidden) & (least >= -DBL_MAX) & (most <= DBL_MAX);
-    uint32_t some = bits(&in) & on;
+    uint32_t some = bits_D8(in) & on;
     if (!some) return;
     fills &= in;
-    const uint32_t filling = bits(&fills);
-    Flt8 nearest = (Flt8)((fills & (Int8)least) | (~fills & (Int8)*hidden));
+    const uint32_t filling = bits_D8(fills);
+    D8 nearest = (D8)((fills & (L8)least) | (~fills & (L8)*hidden));
     keep_max(hidden, &nearest);
     Row low, high;
     memcpy(&low, &least, sizeof low), memcpy(&high, &most, sizeof high);
@@ -288,10 +292,10 @@ INLINE void meet_lanes(Store *store, const Beams *b, const Places *lie, uint32_t
 
 static void survey(Search *s, const Beams *b, const Places *lie, Neighbours *group) {
     Store *store = s->store;
-    Flt8 hidden[LANES / 8];
+    D8 hidden[LANES / 8];
     double nearest[LANES];
     uint32_t *first = group->first, count[LANES] = {0};
-    for (int k = 0; k < LANES / 8; k++) hidden[k] = (Flt8){0} - HUGE_VAL;
+    for (int k = 0; k < LANES / 8; k++) hidden[k] = (D8){0} - HUGE_VAL;
     store->found.n = store->candidate.n = 0;
     memset(first, 0, sizeof group->first);
     for (uint32_t i = 0; i < store->near.n; i++) {

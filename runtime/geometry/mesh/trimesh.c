@@ -2,6 +2,7 @@
 #include "trimesh.h"
 
 #include "pieces.h"
+#include "walk.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -75,6 +76,13 @@ static void find(const SltGeometry *g, const void *values, const void *rays, uin
     if (!pieces_find(&s, rays, mask, width, witness)) atomic_store(m->lost, true);
 }
 
+static void between(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
+                    int32_t *witness) {
+    const Trimesh *m = g->made;
+    const WalkMesh w = {.adjacency = &m->adjacency, .face = m->from.faces, .vertex = values, .f64 = m->from.f64};
+    walk_between(&w, rays, mask, width, witness);
+}
+
 static void pieces(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
                    int32_t *witness) {
     find(g, values, rays, mask, width, true, witness);
@@ -107,8 +115,8 @@ static void release(SltGeometry *g) {
 
 static void describe(Trimesh *m) {
     if (m->has_tree)
-        snprintf(m->text, sizeof m->text, "tree of boxes, %u nodes of 8, %u leaves, %s", m->bvh.nnodes, m->bvh.nleaves,
-                 m->rays->name);
+        snprintf(m->text, sizeof m->text, "tree of boxes, %u nodes of 8, %u leaves, %s%s", m->bvh.nnodes,
+                 m->bvh.nleaves, m->rays->name, m->has_adjacency ? "; neighbours of faces" : "");
     else snprintf(m->text, sizeof m->text, "no tree");
 }
 
@@ -131,13 +139,14 @@ SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void
         release(&m->base.shared);
         return status_fail(err, SLT_LIMIT, "out of memory for the tree of a mesh of %u triangles", from->nfaces);
     }
-    m->has_adjacency = from->queries & 1u << SLT_QUERY_PIECES;
+    m->has_adjacency = from->queries & (1u << SLT_QUERY_PIECES | 1u << SLT_QUERY_BETWEEN);
     if (m->has_adjacency && !adjacency_make(&m->adjacency, from->faces, from->nfaces, from->nvertices)) {
         m->has_adjacency = false;
         release(&m->base.shared);
         return status_fail(err, SLT_LIMIT, "out of memory for the edges of a mesh of %u triangles", from->nfaces);
     }
     describe(m);
+    if (m->has_adjacency) m->base.shared.query[SLT_QUERY_BETWEEN] = between;
     if (m->has_tree) {
         m->base.shared.query[SLT_QUERY_TRACE] = trace;
         m->base.shared.query[SLT_QUERY_OCCLUDED] = occluded;

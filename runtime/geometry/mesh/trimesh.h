@@ -2,8 +2,9 @@
  * tests and benchmarks, which ask more.
  *
  *   vertices, faces (caller's)  ->  bvh.h  ->  rays.h, one ray against eight boxes  ->  witnesses
+ *                    faces      ->  adjacency.h  ->  walk.h, what parts two rays
  *
- * A mesh that nobody asks about rays holds nothing. */
+ * A mesh that nobody asks about rays holds nothing; adjacency is made where [Disc] asks for it. */
 #ifndef SALTUS_MESH_TRIMESH_H
 #define SALTUS_MESH_TRIMESH_H
 
