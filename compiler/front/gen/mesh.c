@@ -279,9 +279,10 @@ static Val piece_of(Lower *l, Type *type, const Symbol *sym, Inst *unit, Inst *c
 }
 
 /* SLT_QUERY_BEGIN, at the top: what is found later stays as long as the samples in hand. */
-static Inst *begun(Lower *l, uint32_t geometry) {
+static Inst *begun(Lower *l, uint32_t geometry, Span span) {
     if (l->begun) return l->begun;
     Builder at = ir_after(l->fn, l->anchor);
+    at.span = span;
     Inst *begin = ir_special(&at, OP_query, TY_INT, 0, NULL,
                              (Imm){.query = {geometry, SLT_QUERY_BEGIN, l->geometries.data[geometry].base}});
     return l->begun = ir_emit1(&at, OP_i2f, begin);
@@ -292,7 +293,7 @@ static Val first(Lower *l, Expr *e, const Symbol *sym) {
     uint32_t geometry = gen_geometry_number(l, (Searched){.sym = sym});
     Inst *args[SLT_BEAM_ROWS + 1];
     for (int k = 0; k < SLT_BEAM_ROWS; k++) args[k] = beam.c[k];
-    args[SLT_BEAM_ROWS] = begun(l, geometry);
+    args[SLT_BEAM_ROWS] = begun(l, geometry, e->span);
     Inst *unit = special(l, OP_query, TY_INT, SLT_BEAM_ROWS + 1, args,
                          (Imm){.query = {geometry, SLT_QUERY_PIECES, l->geometries.data[geometry].base}});
     return piece_of(l, e->type, sym, unit, beam.c);

@@ -39,8 +39,8 @@ static bool window_set(Window *w, const Beams *b, uint32_t lane) {
 }
 
 /* Borders of windows and of their parts do not move, so an edge that lies on the border of two moves in neither: a
- * square whose corners are those of pixels. Windows are put aside, all alike, by more than what counts as on a line, and
- * parts are no halves. */
+ * square whose corners are those of pixels. Windows are put aside, all alike, by more than what counts as on a line,
+ * and parts are no halves. */
 #define ASIDE_S 7.3e-13
 #define ASIDE_T 5.9e-13
 #define PART 0.48171 /* of a window, in its first part */
@@ -211,7 +211,7 @@ bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint3
     s.store->lost = false;
     scene->facets->read(&beams, s.f64, rays, mask, width);
     for (uint32_t a = 0; a < 3; a++)
-        for (uint32_t k = 0; k < LANES; k++)
+        for (uint32_t k = 0; k < width; k++)
             beams.row[SLT_BEAM_CORNER + a][k] +=
                 ASIDE_S * beams.row[SLT_BEAM_U + a][k] + ASIDE_T * beams.row[SLT_BEAM_V + a][k];
     while (beams.mask) {
