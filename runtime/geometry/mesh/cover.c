@@ -48,6 +48,9 @@ void cover_split(const Polygon *p, const double g[3], uint32_t side, Polygon *in
     else *(plus ? in : out) = *p;
 }
 
+/* What a facet may need for one polygon: two places a split, of which there are four, and four of these halved. */
+enum { MOST_PLACES = 16 };
+
 /* Places for so many more polygons. */
 static bool places(Store *store, uint32_t more) {
     return window_room(store, &store->piece.data, store->piece.n, &store->piece.room, more,
@@ -95,7 +98,8 @@ static void compare(const Polygon *p, const Facet *f, const Facet *other, bool *
     if (!*front && !*behind) *front = f->triangle < other->triangle;
 }
 
-/* Puts facet `number` into the polygon live[which], of whose rests some become further ones. */
+/* Puts facet `number` into the polygon live[which], of whose rests some become further ones. There are MOST_PLACES
+ * places for it. */
 static void cover(Store *store, uint32_t which, uint32_t number) {
     const Facet *f = &store->facet.data[number];
     const uint32_t start = store->live.data[which];
@@ -150,7 +154,10 @@ void cover_all(Store *store, const Rectangle *r, uint32_t from, uint32_t n) {
         add_corner(&piece[1], k == 1 || k == 2 ? r->hi[0] : r->lo[0], k >= 2 ? r->hi[1] : r->lo[1], SIDE_FIXED);
     store->piece.n = 2;
     store->live.data[store->live.n++] = 1;
-    for (uint32_t k = 0; k < n; k++)
-        for (uint32_t i = 0, pieces = store->live.n; i < pieces; i++)
-            if (store->live.data[i] && places(store, 16)) cover(store, i, store->chosen.data[from + k]);
+    for (uint32_t k = 0; k < n; k++) {
+        const uint32_t pieces = store->live.n;
+        if (!places(store, MOST_PLACES * pieces)) return;
+        for (uint32_t i = 0; i < pieces; i++)
+            if (store->live.data[i]) cover(store, i, store->chosen.data[from + k]);
+    }
 }
