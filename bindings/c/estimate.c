@@ -287,10 +287,10 @@ SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, 
         s = rows_begin(p, &rows, &wanted, err);
         if (s == SLT_OK) s = slt_estimate_integral(&p->scene, &c.job, &wanted, c.stats, err);
         if (s == SLT_OK) s = add_hidden(&c, &wanted);
+        p->scene.met = NULL, p->scene.followed = NULL;
         if (s == SLT_OK && derives) s = api_steep(&c, &wanted, spent(&c, before));
         s = rows_end(p, &rows, &wanted, s, err);
     }
-    p->scene.met = NULL, p->scene.followed = NULL;
     free(met);
     c.job.integral = true;
     if (s == SLT_OK) count_nonfinite(&c, wanted.value, p->prog->channels, false);

@@ -145,7 +145,8 @@ enum {
     BEAM_U = 6,
     BEAM_V = 9,
     PIECE_UNIT = 12,
-    PIECE_BEAM = 13
+    PIECE_MESH = 13, /* 1 + the number of its geometry */
+    PIECE_BEAM = 14
 }; /* among their parts */
 
 typedef struct Beam {
@@ -272,6 +273,7 @@ static Val piece_of(Lower *l, Type *type, const Symbol *sym, Inst *unit, Inst *c
     v.c[10] = sel(l, found, tri, ki(l, -1));
     v.c[11] = sel(l, found, of_triangle(l, sym, sym->nfaces * SLT_MESH_FACE, SLT_MESH_PART, 0, tri), ki(l, -1));
     v.c[PIECE_UNIT] = unit;
+    v.c[PIECE_MESH] = ki(l, 1 + (int32_t)b->geometry);
     for (int k = 0; k < SLT_BEAM_ROWS; k++) v.c[PIECE_BEAM + k] = parts[k];
     return v;
 }
@@ -299,7 +301,9 @@ static Val first(Lower *l, Expr *e, const Symbol *sym) {
 static Val next(Lower *l, Expr *e, const Symbol *sym) {
     Val q = gen_expr(l, e->args[0]);
     const Beam b = {.sym = sym, .geometry = gen_geometry_number(l, (Searched){.sym = sym})};
-    Inst *unit = told(l, &b, SLT_PIECE_NEXT, q.c[PIECE_UNIT], TY_INT);
+    /* A piece of another mesh has no next one. */
+    Inst *own = op2(l, OP_ieq, q.c[PIECE_MESH], ki(l, 1 + (int32_t)b.geometry));
+    Inst *unit = told(l, &b, SLT_PIECE_NEXT, sel(l, own, q.c[PIECE_UNIT], ki(l, 0)), TY_INT);
     return piece_of(l, e->type, sym, unit, q.c + PIECE_BEAM);
 }
 
