@@ -39,11 +39,32 @@ static bool window_set(Window *w, const Beams *b, uint32_t lane) {
 }
 
 /* Borders of windows and of their parts do not move, so an edge that lies on the border of two moves in neither: a
- * square whose corners are those of pixels. Windows are put aside, all alike, by more than what counts as on a line,
- * and parts are no halves. */
+ * square whose corners are those of pixels. Windows are put aside, all alike, by more than what counts as on a line and
+ * than rounding moves their corners by, less than anyone measures in that precision; and parts are no halves. */
 #define ASIDE_S 7.3e-13
 #define ASIDE_T 5.9e-13
+#define ASIDE_MOST 0x1p-14
 #define PART 0.48171 /* of a window, in its first part */
+
+/* Of a side of the window, from its size as seen from the eye. */
+static double aside(const Beams *b, uint32_t side, uint32_t lane, bool f64, double least) {
+    double far = 0, size = 0;
+    for (uint32_t a = 0; a < 3; a++) {
+        far = fmax(far, fabs(b->row[SLT_BEAM_CORNER + a][lane]));
+        size = fmax(size, fabs(b->row[side + a][lane]));
+    }
+    double rounding = (f64 ? 0x1p-51 : 0x1p-22) * far;
+    return rounding < ASIDE_MOST * size ? least + rounding / size : ASIDE_MOST;
+}
+
+static void put_aside(Beams *b, bool f64) {
+    for (uint32_t k = 0; k < LANES; k++) {
+        if (!(b->mask >> k & 1)) continue;
+        const double s = aside(b, SLT_BEAM_U, k, f64, ASIDE_S), t = aside(b, SLT_BEAM_V, k, f64, ASIDE_T);
+        for (uint32_t a = 0; a < 3; a++)
+            b->row[SLT_BEAM_CORNER + a][k] += s * b->row[SLT_BEAM_U + a][k] + t * b->row[SLT_BEAM_V + a][k];
+    }
+}
 
 static double area_of(const Rectangle *r) { return (r->hi[0] - r->lo[0]) * (r->hi[1] - r->lo[1]); }
 
@@ -210,10 +231,7 @@ bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint3
     if (!s.store || !s.store->n) return false;
     s.store->lost = false;
     scene->facets->read(&beams, s.f64, rays, mask, width);
-    for (uint32_t a = 0; a < 3; a++)
-        for (uint32_t k = 0; k < width; k++)
-            beams.row[SLT_BEAM_CORNER + a][k] +=
-                ASIDE_S * beams.row[SLT_BEAM_U + a][k] + ASIDE_T * beams.row[SLT_BEAM_V + a][k];
+    put_aside(&beams, s.f64);
     while (beams.mask) {
         const uint32_t base = (uint32_t)__builtin_ctzll(beams.mask);
         Window window;
