@@ -50,8 +50,8 @@ static bool window_set(Window *w, const Beams *b, uint32_t lane) {
 static double aside(const Beams *b, uint32_t side, uint32_t lane, bool f64, double least) {
     double far = 0, size = 0;
     for (uint32_t a = 0; a < 3; a++) {
-        far = fmax(far, fabs(b->row[SLT_BEAM_CORNER + a][lane]));
-        size = fmax(size, fabs(b->row[side + a][lane]));
+        const double c = fabs(b->row[SLT_BEAM_CORNER + a][lane]), u = fabs(b->row[side + a][lane]);
+        far = c > far ? c : far, size = u > size ? u : size;
     }
     double rounding = (f64 ? 0x1p-51 : 0x1p-22) * far;
     return rounding < ASIDE_MOST * size ? least + rounding / size : ASIDE_MOST;
