@@ -118,8 +118,8 @@ static void check(Surface *s, double blocked, double free_) {
                                      .nvertices = (uint32_t)s->nvertices,
                                      .nfaces = (uint32_t)s->nfaces,
                                      .faces = &s->face[0][0],
-                                     .queries = 1u << SLT_QUERY_TRACE | 1u << SLT_QUERY_BLOCKED |
-                                                1u << SLT_QUERY_BETWEEN};
+                                     .queries =
+                                         1u << SLT_QUERY_TRACE | 1u << SLT_QUERY_BLOCKED | 1u << SLT_QUERY_BETWEEN};
         assert_int_equal(trimesh_make(&g, &from, values, TRIMESH_ISA_BEST, NULL), SLT_OK);
         uint64_t state = 17;
         uint32_t all = 0, none = 0;
