@@ -232,7 +232,8 @@ static bool take_out(Store *store, uint32_t which, uint32_t number) {
 
 /* Facets nearest first, each cut from the rectangle at once, less what is in front of it. False: some cross, or out of
  * memory; facets that are not in the rectangle have been left out. */
-static bool cover_plainly(Store *store, const Rectangle *r, uint32_t from, uint32_t *n) {
+static bool cover_plainly(const Search *s, const Rectangle *r, uint32_t from, uint32_t *n) {
+    Store *store = s->store;
     uint32_t *chosen = store->chosen.data + from, kept = 0;
     const double whole = (r->hi[0] - r->lo[0]) * (r->hi[1] - r->lo[1]) * (1 - COVERED);
     double least = HUGE_VAL;
@@ -240,13 +241,14 @@ static bool cover_plainly(Store *store, const Rectangle *r, uint32_t from, uint3
     set_rectangle(&rectangle, r);
     for (uint32_t k = 0; k < *n; k++) {
         const uint32_t number = chosen[k], row = store->live.n;
-        const Facet *f = &store->facet.data[number];
-        if (f->most <= least) {
+        if (s->candidate[number].most <= least) {
             double area = 0;
             for (uint32_t i = 0; i < row; i++) area += area_of(&store->piece.data[store->live.data[i]]);
             if (area >= whole) break;
         }
         if (!places(store, 4)) return false;
+        window_facets(s, number + 1);
+        const Facet *f = &store->facet.data[number];
         Polygon *own = &store->piece.data[store->piece.n];
         const Polygon *p = clip(&rectangle, f, number, own);
         if (!p) continue;
@@ -282,17 +284,19 @@ static bool cover_plainly(Store *store, const Rectangle *r, uint32_t from, uint3
     return true;
 }
 
-static void cover_all(Store *store, const Rectangle *r, uint32_t from, uint32_t n) {
+static void cover_all(Search *s, const Rectangle *r, uint32_t from, uint32_t n) {
+    Store *store = s->store;
     store->piece.n = store->live.n = store->crossing.n = 0;
     if (!places(store, n + 2)) return;
     store->piece.data[0].n = 0, store->piece.n = 1;
-    if (n <= FEW_FACETS && cover_plainly(store, r, from, &n)) return;
+    if (n <= FEW_FACETS && cover_plainly(s, r, from, &n)) return;
     set_rectangle(&store->piece.data[1], r);
     store->piece.n = 2, store->live.n = 0;
     store->live.data[store->live.n++] = 1;
     for (uint32_t k = 0; k < n; k++) {
         const uint32_t pieces = store->live.n;
         if (!places(store, MOST_PLACES * pieces)) return;
+        window_facets(s, store->chosen.data[from + k] + 1);
         for (uint32_t i = 0; i < pieces; i++)
             if (store->live.data[i]) cover(store, i, store->chosen.data[from + k]);
     }
