@@ -197,13 +197,18 @@ static const Polygon *clip(const Polygon *p, const Facet *f, uint32_t number, Po
 
 /* Does a side of the facet part it from the polygon? */
 INLINE bool parted(const Polygon *p, const Facet *f) {
-    double d[CORNERS];
-    uint32_t plus, minus;
-    for (int k = 0; k < 3; k++) {
-        signs(p, f->g[k], d, &plus, &minus);
-        if (!plus) return true;
+    uint32_t reached = 0; /* bit k: a corner is on the facet's side of its side k */
+    for (uint32_t at = 0; at < p->n; at += 8) {
+        const D8 s = corners_at(p, p->s, at), t = corners_at(p, p->t, at);
+        const uint32_t there = (1u << (p->n - at)) - 1;
+        for (uint32_t k = 0; k < 3; k++) {
+            const double *g = f->g[k], near = ON_LINE * (fabs(g[0]) + fabs(g[1]));
+            const L8 above = g[0] * s + g[1] * t + g[2] > near;
+            if (bits_D8(above) & there) reached |= 1u << k;
+            else if (p->n <= 8) return true;
+        }
     }
-    return false;
+    return reached != 7;
 }
 
 /* Puts what is left of live[which] without a facet in its place and behind the row. False: out of memory. */
