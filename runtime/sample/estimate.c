@@ -39,9 +39,9 @@ static SltStatus need_image(const SltJob *j, const char *what, SltError *err) {
     return status_fail(err, SLT_USAGE, "%s needs an image, not an integral", what);
 }
 
-/* One sample tells all of a pixel. */
+/* One sample tells all of a pixel. Of an integral cells know the same, and more, where the program has bounds. */
 static bool is_told(const SltScene *s, const SltJob *j) {
-    return s->pixelwise && !slt_estimate_by_differences(j->estimator);
+    return s->pixelwise && (s->boundless || !j->integral) && !slt_estimate_by_differences(j->estimator);
 }
 
 bool slt_estimate_has_choice(const SltScene *s, const SltJob *j) {
