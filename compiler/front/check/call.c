@@ -217,6 +217,7 @@ static Type *fixed_type(Checker *c, char letter) {
     case 'M': return c->t_mesh_hit;
     case 'E': return c->t_beam;
     case 'P': return c->t_piece;
+    case 'A': return c->t_area_light;
     default: return NULL;
     }
 }

@@ -3,7 +3,7 @@
  * A witness names a triangle; the evaluation is arithmetic on its nine numbers. With corners A, B, C seen from the
  * origin, e_A = d . (B x C) and so on are the weights of the corners at the point that the ray meets, up to their sum
  * d . n: so t is the mean of the corners' t, and lies between them however thin the triangle is seen. */
-#include "compiler/front/gen/geometry.h"
+#include "compiler/front/gen/mesh.h"
 #include "saltus/mesh.h"
 
 typedef Inst *Vec3[3];
@@ -278,8 +278,7 @@ static Val piece_of(Lower *l, Type *type, const Symbol *sym, Inst *unit, Inst *c
     return v;
 }
 
-/* SLT_QUERY_BEGIN, at the top: what is found later stays as long as the samples in hand. */
-static Inst *begun(Lower *l, uint32_t geometry, Span span) {
+Inst *gen_begun(Lower *l, uint32_t geometry, Span span) {
     if (l->begun) return l->begun;
     Builder at = ir_after(l->fn, l->anchor);
     at.span = span;
@@ -293,7 +292,7 @@ static Val first(Lower *l, Expr *e, const Symbol *sym) {
     uint32_t geometry = gen_geometry_number(l, (Searched){.sym = sym});
     Inst *args[SLT_BEAM_ROWS + 1];
     for (int k = 0; k < SLT_BEAM_ROWS; k++) args[k] = beam.c[k];
-    args[SLT_BEAM_ROWS] = begun(l, geometry, e->span);
+    args[SLT_BEAM_ROWS] = gen_begun(l, geometry, e->span);
     Inst *unit = special(l, OP_query, TY_INT, SLT_BEAM_ROWS + 1, args,
                          (Imm){.query = {geometry, SLT_QUERY_PIECES, l->geometries.data[geometry].base}});
     return piece_of(l, e->type, sym, unit, beam.c);
@@ -419,6 +418,7 @@ Val gen_mesh(Lower *l, Expr *e, const Symbol *sym) {
     if (e->method == M_MESH_FIRST) return first(l, e, sym);
     if (e->method == M_MESH_NEXT) return next(l, e, sym);
     if (e->method == M_MESH_SMOOTH) return smooth_normal(l, e, sym);
+    if (e->method == M_MESH_IRRADIANCE || e->method == M_MESH_LTC) return gen_mesh_light(l, e, sym);
     Val o = gen_expr(l, e->args[0]), d = gen_expr(l, e->args[1]);
     Inst *t0 = gen_scalar(l, e->args[2]), *t1 = gen_scalar(l, e->args[3]);
     Ray r = {.x = o.c[0], .y = o.c[1], .z = o.c[2], .dx = d.c[0], .dy = d.c[1], .dz = d.c[2], .t0 = t0, .t1 = t1};
