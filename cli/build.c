@@ -210,6 +210,10 @@ static int build(Cli *c, SltProgram *p) {
     if (c->job.no_interior) needs[K_JVP] = needs[K_VJP] = false;
     SltStatus status = api_kernels_unrun(p, needs, &err);
     if (status != SLT_OK) return cli_fail(c, &err);
+    if (p->prog->nderived)
+        return cli_usage(
+            c, "`%s` has %s, which the library computes whenever parameters change: what `build` makes stands alone",
+            p->prog->params[p->prog->derived[0].param].name, p->prog->derived[0].what);
     for (uint32_t f = 0; f < p->prog->ngeometries; f++)
         for (int k = 0; k < K_KINDS; k++)
             if (api_geometry_queries(p->fn[k], f))

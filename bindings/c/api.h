@@ -19,6 +19,8 @@ typedef struct GeometryState {
     uint64_t followed_values; /* for tests: numbers that it looked at to follow */
 } GeometryState;
 
+typedef struct DerivedState DerivedState; /* derived.h */
+
 struct SltProgram {
     Session *session;
     Program *prog;  /* NULL where the shader did not compile */
@@ -35,10 +37,11 @@ struct SltProgram {
     uint32_t most_site_size;      /* VariantOptions.most_site_size */
     bool ready;                   /* compiled, with values: else only diagnostics may be asked for */
 
-    double *floats;     /* [nfloats]: the values */
+    double *floats;     /* [nfloats]: the values; of derived arrays the last that were computed */
     void *flt;          /* flt[nfloats]: the values in the program's precision; while flt_lent those of the last call */
     bool flt_lent;      /* the last call had values of its own (SltJob.floats) */
     int32_t *ints;      /* [nints] */
+    const int32_t *lent_ints; /* [nints]: those of the call in hand, where it has its own (SltJob.ints); else NULL */
     uint8_t *wrt;       /* [nfloats]: 1 where a gradient is wanted */
     bool *asset_loaded; /* by parameter: its file has been read */
 
@@ -67,6 +70,8 @@ struct SltProgram {
     const SltGeometry **geometries; /* [prog->ngeometries]; NULL: no compiled kernel asks it anything */
     uint32_t *geometry_base;        /* [prog->ngeometries]: where in flt its numbers begin */
     GeometryState *geometry_state;  /* [prog->ngeometries] */
+    DerivedState *derived;          /* [prog->nderived] */
+    struct SltDerived *derived_scene; /* likewise: what the runtime sees */
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n,
                   uint32_t lane); /* SltKernelArgs.print; NULL: silent */
     void *print_user;             /* of print: this program */
@@ -115,6 +120,7 @@ typedef struct ApiCall {
     SltProgram *p; /* NULL: not entered */
     SltJob job;    /* the caller's, as a struct of this version */
     SltStats own;
+    int32_t *ints;            /* with integers of its own: all of them, where meshes have some */
     SltStats *stats, *theirs; /* &own, and the caller's, which gets own at the end; both NULL where none are wanted */
     SltError *err;
 } ApiCall;
@@ -137,6 +143,18 @@ uint32_t api_geometry_queries(const Fn *fn, uint32_t geometry); /* bit (1 << Slt
 void api_geometries_want(SltProgram *p, const Fn *fn); /* fn will run: the next api_geometries makes what fn asks for */
 /* Makes the geometries that compiled kernels ask for; those that are there follow their numbers in flt. */
 SltStatus api_geometries(SltProgram *p, SltError *err);
+
+/* ---- derived.c */
+void api_derived_lower(SltProgram *p); /* with the shader's primal */
+/* Marks those that move with what is marked among the parameters of wrt[nfloats]. */
+void api_derived_mark(const SltProgram *p, uint8_t *wrt);
+/* The parameters base .. base + count - 1 will be values[]: flt is still old. */
+void api_derived_watch(SltProgram *p, const double *values, uint32_t base, uint32_t count);
+SltStatus api_derived_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err);
+/* Brings those up to date whose parameters have changed. */
+SltStatus api_derived_follow(SltProgram *p, const int32_t *ints, SltError *err);
+void api_derived_forget(SltProgram *p); /* the kernels that depend on p->wrt */
+void api_derived_free(SltProgram *p);
 
 /* ---- program.c: the source of p with more text behind it and another entry, under the options of p. As
  * slt_compile_string. */

@@ -1,6 +1,7 @@
 /* What every public function shares: one user at a time, structs of other versions, a call's own parameters, print().
  */
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "bindings/c/api.h"
@@ -84,8 +85,21 @@ SltStatus api_struct_unknown(SltError *err, const char *name) {
  * that many calls with parameters of their own in a row change only what differs between them. */
 static void take_floats(SltProgram *p, const double *floats) {
     if (!floats && !p->flt_lent) return;
-    api_flt_from(p, floats ? floats : p->floats, 0, p->prog->nfloats);
+    api_flt_from(p, floats ? floats : p->floats, 0, program_floats(p->prog));
     p->flt_lent = floats != NULL;
+}
+
+/* Integers of the call's own, with the meshes' behind them; *room: to be freed. */
+static SltStatus take_ints(SltProgram *p, const int32_t *ints, int32_t **room, SltError *err) {
+    const Program *g = p->prog;
+    const size_t own = g->nints - g->ntopology;
+    *room = NULL, p->lent_ints = ints;
+    if (!ints || !g->ntopology) return SLT_OK;
+    p->lent_ints = *room = malloc(g->nints * sizeof **room);
+    if (!*room) return status_fail(err, SLT_LIMIT, "out of memory");
+    memcpy(*room, ints, own * sizeof **room);
+    memcpy(*room + own, p->ints + own, g->ntopology * sizeof **room);
+    return SLT_OK;
 }
 
 SltStatus api_call_begin(ApiCall *c, SltProgram *p, const SltJob *job, SltStats *stats, SltError *err) {
@@ -98,13 +112,11 @@ SltStatus api_call_begin(ApiCall *c, SltProgram *p, const SltJob *job, SltStats 
     if (stats && !api_struct_read(&c->own, sizeof c->own, stats)) return api_struct_unknown(err, "SltStats");
     if (stats) c->stats = &c->own, c->theirs = stats;
     take_floats(p, c->job.floats);
-    return SLT_OK;
+    return take_ints(p, c->job.ints, &c->ints, err);
 }
 
 SltStatus api_call_kernels(ApiCall *c, const bool needs[K_KINDS]) {
-    SltStatus s = api_kernels(c->p, needs, c->err);
-    if (c->job.ints) c->p->scene.iparams = c->job.ints;
-    return s;
+    return api_kernels(c->p, needs, c->err);
 }
 
 SltStatus api_call_end(ApiCall *c, SltStatus status) {
@@ -114,7 +126,8 @@ SltStatus api_call_end(ApiCall *c, SltStatus status) {
         status = status_fail(c->err, p->error.status, "%s", p->error.text);
     if (c->stats) api_name_drops(p, c->stats);
     if (c->theirs) api_struct_write(c->theirs, c->stats, sizeof *c->stats);
-    p->scene.iparams = p->ints;
+    p->scene.iparams = p->ints, p->lent_ints = NULL;
+    free(c->ints);
     api_release(p);
     return status;
 }

@@ -2,7 +2,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "bindings/c/api.h"
+#include "bindings/c/derived.h"
 #include "bindings/c/place.h"
 #include "compiler/pass/walk.h"
 
@@ -156,10 +156,33 @@ SltStatus slt_grad_images(SltProgram *p, const SltJob *job, uint32_t ndir, const
     SltStatus s = begin_gradient(&c, p, job, true, stats, err);
     if (s == SLT_OK) note_ulps(&c, false);
     uint64_t before = counted(&c);
-    if (s == SLT_OK) s = slt_estimate_forward(&p->scene, &c.job, ndir, dirs, out, crossings, c.stats, err);
-    for (uint32_t k = 0; s == SLT_OK && k < ndir; k++) count_nonfinite_pixels(&c, out[k], dirs[k]);
+    double **wide = NULL;
+    if (s == SLT_OK) s = wide_directions(p, ndir, dirs, &wide, err);
+    if (s == SLT_OK)
+        s = slt_estimate_forward(&p->scene, &c.job, ndir, (const double *const *)wide, out, crossings, c.stats, err);
+    for (uint32_t k = 0; s == SLT_OK && k < ndir; k++) count_nonfinite_pixels(&c, out[k], wide[k]);
+    wide_directions_free(ndir, wide);
     if (s == SLT_OK) s = api_steep(&c, NULL, spent(&c, before));
     return api_call_end(&c, s);
+}
+
+/* The gradient of one image or loss, and its errors. */
+typedef struct OneRow {
+    Wide gradient, error;
+    bool failed;
+} OneRow;
+
+static SltStatus row_begin(const SltProgram *p, OneRow *r, double **gradient, double **error, SltError *err) {
+    *r = (OneRow){0};
+    *gradient = wide_begin(p, &r->gradient, *gradient, 1, &r->failed);
+    *error = wide_begin(p, &r->error, *error, 1, &r->failed);
+    return r->failed ? status_fail(err, SLT_LIMIT, "out of memory") : SLT_OK;
+}
+
+static SltStatus row_end(const SltProgram *p, OneRow *r, SltStatus s, SltError *err) {
+    wide_end(p, &r->gradient, false, s == SLT_OK, &r->failed);
+    wide_end(p, &r->error, true, s == SLT_OK, &r->failed);
+    return s == SLT_OK && r->failed ? status_fail(err, SLT_LIMIT, "out of memory") : s;
 }
 
 SltStatus slt_grad_adjoint(SltProgram *p, const SltJob *job, const float *adjoint, double *gradient,
@@ -169,9 +192,15 @@ SltStatus slt_grad_adjoint(SltProgram *p, const SltJob *job, const float *adjoin
     SltStatus s = begin_gradient(&c, p, job, false, stats, err);
     if (s == SLT_OK) note_ulps(&c, false);
     uint64_t before = counted(&c);
-    if (s == SLT_OK) s = slt_estimate_reverse(&p->scene, &c.job, both, gradient, stderr_bound, c.stats, err);
+    if (s == SLT_OK) {
+        OneRow row;
+        double *all = gradient, *errors = stderr_bound;
+        s = row_begin(p, &row, &all, &errors, err);
+        if (s == SLT_OK) s = slt_estimate_reverse(&p->scene, &c.job, both, all, errors, c.stats, err);
+        s = row_end(p, &row, s, err);
+    }
     if (s == SLT_OK) s = api_steep(&c, NULL, spent(&c, before));
-    if (s == SLT_OK) count_nonfinite(&c, gradient, p->prog->nfloats, true);
+    if (s == SLT_OK) count_nonfinite(&c, gradient, program_floats(p->prog), true);
     return api_call_end(&c, s);
 }
 
@@ -181,10 +210,16 @@ SltStatus slt_grad_loss(SltProgram *p, const SltJob *job, const float *target, c
     SltStatus s = begin_gradient(&c, p, job, false, stats, err);
     if (s == SLT_OK) note_ulps(&c, false);
     uint64_t before = counted(&c);
-    if (s == SLT_OK)
-        s = slt_estimate_loss(&p->scene, &c.job, target, mask, loss, gradient, stderr_bound, image, c.stats, err);
+    if (s == SLT_OK) {
+        OneRow row;
+        double *all = gradient, *errors = stderr_bound;
+        s = row_begin(p, &row, &all, &errors, err);
+        if (s == SLT_OK)
+            s = slt_estimate_loss(&p->scene, &c.job, target, mask, loss, all, errors, image, c.stats, err);
+        s = row_end(p, &row, s, err);
+    }
     if (s == SLT_OK) s = api_steep(&c, NULL, spent(&c, before));
-    if (s == SLT_OK) count_nonfinite(&c, gradient, p->prog->nfloats, true);
+    if (s == SLT_OK) count_nonfinite(&c, gradient, program_floats(p->prog), true);
     return api_call_end(&c, s);
 }
 
@@ -201,6 +236,39 @@ static SltStatus add_hidden(ApiCall *c, SltIntegral *out) {
     return s == SLT_OK ? slt_estimate_hidden(scene, &c->job, out, c->stats, c->err) : s;
 }
 
+/* The arrays of an integral by parameter, as the runtime fills them. */
+enum { INTEGRAL_ROWS = 6 };
+typedef struct IntegralRows {
+    Wide row[INTEGRAL_ROWS];
+    bool failed;
+} IntegralRows;
+
+static void integral_rows(SltIntegral *v, double **of[INTEGRAL_ROWS], bool errors[INTEGRAL_ROWS]) {
+    double **const all[INTEGRAL_ROWS] = {&v->gradient, &v->interior,        &v->boundary,
+                                         &v->missed_estimate, &v->gradient_stderr, &v->left_bound};
+    for (int k = 0; k < INTEGRAL_ROWS; k++) of[k] = all[k], errors[k] = k >= 4;
+}
+
+static SltStatus rows_begin(const SltProgram *p, IntegralRows *r, SltIntegral *v, SltError *err) {
+    double **of[INTEGRAL_ROWS];
+    bool errors[INTEGRAL_ROWS];
+    *r = (IntegralRows){0};
+    integral_rows(v, of, errors);
+    for (int k = 0; k < INTEGRAL_ROWS; k++) *of[k] = wide_begin(p, &r->row[k], *of[k], p->prog->channels, &r->failed);
+    return r->failed ? status_fail(err, SLT_LIMIT, "out of memory") : SLT_OK;
+}
+
+static SltStatus rows_end(const SltProgram *p, IntegralRows *r, SltIntegral *v, SltStatus s, SltError *err) {
+    double **of[INTEGRAL_ROWS];
+    bool errors[INTEGRAL_ROWS];
+    integral_rows(v, of, errors);
+    for (int k = 0; k < INTEGRAL_ROWS; k++) {
+        wide_end(p, &r->row[k], errors[k], s == SLT_OK, &r->failed);
+        *of[k] = r->row[k].theirs;
+    }
+    return s == SLT_OK && r->failed ? status_fail(err, SLT_LIMIT, "out of memory") : s;
+}
+
 SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
     SltIntegral wanted = SLT_INTEGRAL_INIT;
     if (!api_struct_read(&wanted, sizeof wanted, out)) return api_struct_unknown(err, "SltIntegral");
@@ -211,15 +279,20 @@ SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, 
     uint8_t *met = s == SLT_OK ? calloc(p->scene.nsites + 1, 1) : NULL;
     double followed = 0;
     p->scene.met = met, p->scene.followed = &followed; /* without memory nobody asks */
-    if (s == SLT_OK) s = slt_estimate_integral(&p->scene, &c.job, &wanted, c.stats, err);
-    if (s == SLT_OK) s = add_hidden(&c, &wanted);
+    bool derives = wanted.gradient || wanted.gradient_stderr;
+    if (s == SLT_OK) {
+        IntegralRows rows;
+        s = rows_begin(p, &rows, &wanted, err);
+        if (s == SLT_OK) s = slt_estimate_integral(&p->scene, &c.job, &wanted, c.stats, err);
+        if (s == SLT_OK) s = add_hidden(&c, &wanted);
+        if (s == SLT_OK && derives) s = api_steep(&c, &wanted, spent(&c, before));
+        s = rows_end(p, &rows, &wanted, s, err);
+    }
     p->scene.met = NULL, p->scene.followed = NULL;
     free(met);
-    bool derives = wanted.gradient || wanted.gradient_stderr;
-    if (s == SLT_OK && derives) s = api_steep(&c, &wanted, spent(&c, before));
     c.job.integral = true;
     if (s == SLT_OK) count_nonfinite(&c, wanted.value, p->prog->channels, false);
-    if (s == SLT_OK) count_nonfinite(&c, wanted.gradient, (size_t)p->prog->channels * p->prog->nfloats, true);
+    if (s == SLT_OK) count_nonfinite(&c, wanted.gradient, (size_t)p->prog->channels * program_floats(p->prog), true);
     if (s == SLT_OK) api_struct_write(out, &wanted, sizeof wanted);
     return api_call_end(&c, s);
 }

@@ -16,7 +16,7 @@ static uint32_t hash_program(uint32_t h, const SltProgram *p, Session *s) {
     ArenaMark mark = arena_mark(&s->scratch);
     for (const char *c = ir_print_string(p->prog->primal, &s->scratch); *c; c++) h = ir_mix(h, (uint8_t)*c);
     arena_reset(&s->scratch, mark);
-    for (uint32_t i = 0; i < p->prog->nfloats; i++)
+    for (uint32_t i = 0; i < program_floats(p->prog); i++)
         if (!p->wrt[i]) h = mix_double(h, p->floats[i]);
     for (uint32_t i = 0; i < p->prog->nints; i++) h = ir_mix(h, (uint32_t)p->ints[i]);
     return h;

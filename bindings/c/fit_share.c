@@ -31,6 +31,7 @@ SltStatus fit_share_begin(Share *s, const SltProgram *mine, SltProgram *other, S
         s->part[s->nparts++] = (SharedParam){from, to};
         memcpy(wrt + to->fbase, mine->wrt + from->fbase, to->fcount);
     }
+    api_derived_mark(other, wrt);
     if (memcmp(wrt, other->wrt, b->nfloats) != 0) api_forget_gradients(other);
     memcpy(other->wrt, wrt, b->nfloats);
     free(wrt);

@@ -98,7 +98,7 @@ void fit_use_view(SltFit *f, const View *v, SltJob *job) {
     job->floats = NULL, job->ints = NULL;
     if (v->share.p) fit_share_values(&v->share, f->p);
     if (!v->nvalues) return;
-    memcpy(f->own_floats, v->p->floats, v->p->prog->nfloats * sizeof(double));
+    memcpy(f->own_floats, v->p->floats, program_floats(v->p->prog) * sizeof(double));
     memcpy(f->own_ints, v->p->ints, v->p->prog->nints * sizeof(int32_t));
     for (uint32_t k = 0; k < v->nvalues; k++) {
         const OwnValue *o = &v->values[k];

@@ -85,8 +85,9 @@ static void fill_scene(SltProgram *p) {
     if (!s->kernel[K_SITE]) s->kernel[K_SITE] = s->kernel[K_SITE_GRAD], s->layout[K_SITE] = s->layout[K_SITE_GRAD];
     s->dim = g->dim, s->channels = g->channels;
     for (int d = 0; d < 3; d++) s->lo[d] = g->lo[d], s->hi[d] = g->hi[d];
-    s->nfloats = g->nfloats, s->nints = g->nints;
-    s->params = p->flt, s->iparams = p->ints, s->active = p->wrt;
+    s->nfloats = g->nfloats, s->nints = g->nints, s->nplaced = g->nplaced;
+    s->derived = p->derived_scene, s->nderived = g->nderived;
+    s->params = p->flt, s->iparams = p->lent_ints ? p->lent_ints : p->ints, s->active = p->wrt;
     s->dense = p->opt.interpret ? NULL : p->dense;
     s->nsites = g->primal->nsites;
     s->site_kind = p->site_kind, s->site_static = p->site_static, s->site_skips = p->site_skips,
@@ -320,6 +321,12 @@ static SltStatus refuse_many_sites(const SltProgram *p, const bool needs[K_KINDS
                        p->prog->primal->nsites, (int)MOST_SITES);
 }
 
+static bool runs_here(const SltProgram *p) {
+    Target here;
+    target_named(&here, "native");
+    return p->opt.interpret || target_runs(&p->target, &here);
+}
+
 SltStatus api_kernels_unrun(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
     if (!p->prog) return status_fail(err, SLT_USAGE, "the program did not compile");
     SltStatus refused = refuse_many_sites(p, needs, err);
@@ -343,19 +350,22 @@ SltStatus api_kernels_unrun(SltProgram *p, const bool needs[K_KINDS], SltError *
         if (unwound) return status_fail(err, (SltStatus)unwound, "%s", p->session->unwind_text);
         if (q.status != SLT_OK) return q.status;
     }
-    SltStatus geometries = api_geometries(p, err);
-    if (geometries != SLT_OK) return geometries;
     fill_scene(p);
+    SltStatus status = api_derived_kernels(p, needs, err);
+    if (status == SLT_OK && runs_here(p)) status = api_derived_follow(p, p->scene.iparams, err);
+    if (status == SLT_OK) status = api_geometries(p, err);
+    if (status != SLT_OK) return status;
     if (!p->scene.width) p->scene.width = 16;
     return SLT_OK;
 }
 
 SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
-    Target here;
-    target_named(&here, "native");
-    if (!p->opt.interpret && !target_runs(&p->target, &here))
+    if (!runs_here(p)) {
+        Target here;
+        target_named(&here, "native");
         return status_fail(err, SLT_USAGE, "kernels for the target `%s` do not run on this processor (%s): use native",
                            p->opt.target, here.cpu);
+    }
     return api_kernels_unrun(p, needs, err);
 }
 
@@ -368,6 +378,7 @@ void api_forget_gradients(SltProgram *p) {
         p->scene.kernel[kinds[i]] = NULL;
     }
     p->scene.tape_bytes = 0;
+    api_derived_forget(p);
 }
 
 void api_free_kernels(SltProgram *p) {

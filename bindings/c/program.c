@@ -207,6 +207,7 @@ static void compile_body(Session *s, void *arg) {
     start = now_ms();
     pipeline_primal(&p->passes, prog->primal);
     p->scene.pixelwise = !prog->uses_rand && !reads_sample(prog->primal->body);
+    api_derived_lower(p);
     p->ms_passes = now_ms() - start;
 }
 
@@ -222,7 +223,7 @@ static SltStatus fill_program(SltProgram *p) {
         return status_fail(&p->error, SLT_LIMIT, "out of memory for %u parameters", prog->nfloats);
     if (prog->nfloats) memcpy(p->floats, prog->init_floats, prog->nfloats * sizeof(double));
     if (prog->nints) memcpy(p->ints, prog->init_ints, prog->nints * sizeof(int32_t));
-    api_params_changed(p, 0, prog->nfloats);
+    api_params_changed(p, 0, program_floats(prog));
     SltStatus status = api_load_assets(p, &p->error);
     if (status != SLT_OK) return status;
     status = api_wrt(p, NULL, 0, &p->error);
@@ -319,6 +320,7 @@ SltStatus api_compile_resized(const SltProgram *p, const char *lengths, SltProgr
 void slt_program_free(SltProgram *p) {
     if (!p || atomic_load(&p->fitted) || !api_claim(p)) return;
     api_free_kernels(p);
+    api_derived_free(p);
     api_geometries_free(p);
     free(p->floats);
     free(p->flt);

@@ -10,6 +10,7 @@
 
 /* ---- the flat vectors */
 void api_flt_from(SltProgram *p, const double *values, uint32_t base, uint32_t count) {
+    api_derived_watch(p, values, base, count);
     api_geometries_watch(p, values, base, count);
     for (uint32_t i = base; i < base + count; i++)
         if (p->opt.f64) ((double *)p->flt)[i] = values[i];
@@ -20,7 +21,7 @@ void api_params_changed(SltProgram *p, uint32_t base, uint32_t count) {
     if (!p->flt_lent) api_flt_from(p, p->floats, base, count); /* else the next call without its own copies them all */
 }
 
-uint32_t slt_float_count(const SltProgram *p) { return p->prog ? p->prog->nfloats : 0; }
+uint32_t slt_float_count(const SltProgram *p) { return p->prog ? program_floats(p->prog) : 0; }
 uint32_t slt_int_count(const SltProgram *p) { return p->prog ? p->prog->nints - p->prog->ntopology : 0; }
 const double *slt_floats(const SltProgram *p) { return p->floats; }
 const int32_t *slt_ints(const SltProgram *p) { return p->ints; }
@@ -142,9 +143,9 @@ SltStatus slt_param_find(const SltProgram *p, const char *name, SltParam *out, S
 SltStatus slt_set_floats(SltProgram *p, uint32_t base, uint32_t count, const double *values, SltError *err) {
     SltStatus status = api_enter_to_set(p, err);
     if (status != SLT_OK) return status;
-    if (count > p->prog->nfloats || base > p->prog->nfloats - count) {
-        status = status_fail(err, SLT_USAGE, "floats %u..%u are outside the program's %u", base, base + count,
-                             p->prog->nfloats);
+    const uint32_t n = program_floats(p->prog);
+    if (count > n || base > n - count) {
+        status = status_fail(err, SLT_USAGE, "floats %u..%u are outside the program's %u", base, base + count, n);
     } else if (count) {
         memmove(p->floats + base, values, count * sizeof *values);
         api_params_changed(p, base, count);
@@ -184,6 +185,7 @@ SltStatus api_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError 
         }
         program_mark(&q, mask);
     }
+    api_derived_mark(p, mask);
     if (memcmp(mask, p->wrt, p->prog->nfloats) != 0) api_forget_gradients(p);
     memcpy(p->wrt, mask, p->prog->nfloats);
     free(mask);
@@ -202,6 +204,7 @@ SltStatus api_wrt_without(SltProgram *p, const char *const *names, uint32_t n, S
     bool changed = false;
     for (uint32_t i = 0; i < p->prog->nfloats && status == SLT_OK; i++)
         if (off[i]) changed |= p->wrt[i], p->wrt[i] = 0;
+    api_derived_mark(p, p->wrt);
     if (changed) api_forget_gradients(p);
     free(off);
     return status;

@@ -109,7 +109,10 @@ SltStatus values_probe_geometry(const char *path, uint32_t dims[4], uint32_t *nd
     uint32_t *part;
     SltStatus status = read_welded(path, &m, &part, err);
     if (status != SLT_OK) return status;
-    dims[0] = m.nvertices, dims[1] = m.nfaces, dims[2] = m.face_uv != NULL, *ndims = 3;
+    dims[0] = m.nvertices, dims[1] = m.nfaces, dims[2] = m.face_uv != NULL, *ndims = 4;
+    memset(part, 0, m.nvertices * sizeof *part); /* now how many faces a vertex has */
+    for (size_t k = 0; k < 3 * (size_t)m.nfaces; k++) part[m.face[k]]++;
+    for (uint32_t v = dims[3] = 0; v < m.nvertices; v++) dims[3] = part[v] > dims[3] ? part[v] : dims[3];
     free(part), mesh_free(&m);
     return SLT_OK;
 }
@@ -125,6 +128,17 @@ static void topology_of(const Mesh *m, int32_t *to) {
         memcpy(to++, &high, sizeof high);
         memcpy(to++, &low, sizeof low);
     }
+}
+
+/* The faces around each vertex, in their order. */
+static void rings_of(const Mesh *m, int32_t *rings) {
+    int32_t *face = rings + m->nvertices + 1;
+    memset(rings, 0, (m->nvertices + 1u) * sizeof *rings);
+    for (size_t k = 0; k < 3 * (size_t)m->nfaces; k++) rings[m->face[k] + 1]++;
+    for (uint32_t v = 0; v < m->nvertices; v++) rings[v + 1] += rings[v];
+    for (size_t k = 0; k < 3 * (size_t)m->nfaces; k++) face[rings[m->face[k]]++] = (int32_t)(k / 3);
+    for (uint32_t v = m->nvertices; v > 0; v--) rings[v] = rings[v - 1];
+    rings[0] = 0;
 }
 
 /* Positions; the first time its topology, later on only files with the same one. */
@@ -151,6 +165,8 @@ static SltStatus read_geometry(Stage *s, const Param *q, const char *path) {
     if (status == SLT_OK) {
         memcpy(s->floats + q->fbase, m.position, q->fcount * sizeof(double));
         if (!*loaded) memcpy(s->ints + q->tbase, topology, q->tcount * sizeof *topology);
+        if (q->vertex_parts) memcpy(s->ints + q->vertex_parts, part, m.nvertices * sizeof *part);
+        if (q->rings) rings_of(&m, s->ints + q->rings);
         *loaded = true;
     }
     free(topology), free(part), mesh_free(&m);

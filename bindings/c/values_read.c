@@ -132,7 +132,7 @@ void stage_end(Stage *s, bool take) {
     if (take) {
         memcpy(s->p->floats, s->floats, s->p->prog->nfloats * sizeof(double));
         if (s->p->prog->nints) memcpy(s->p->ints, s->ints, s->p->prog->nints * sizeof(int32_t));
-        api_params_changed(s->p, 0, s->p->prog->nfloats);
+        api_params_changed(s->p, 0, program_floats(s->p->prog));
     }
     free(s->floats);
     free(s->ints);

@@ -243,7 +243,8 @@ typedef enum ArgMode { ARG_IN, ARG_OUT, ARG_INOUT } ArgMode;
 struct ParamAttrs {
     /* as parsed: constant expressions, which the checker evaluates into the numbers below and sets the has_ flag */
     Expr *range_args[2], *extent_args[4], *height_args[2];
-    Span range_span, extent_span, height_span, color_span, log_span, nodiff_span;
+    Span range_span, extent_span, height_span, color_span, log_span, nodiff_span, vertex_span;
+    const char *vertex_name; /* [Vertex(place)]: the name */
     bool nodiff, color, log, has_range, has_extent, has_height;
     double lo, hi;
     const char *doc;
@@ -265,13 +266,14 @@ struct Symbol {
     /* parameters */
     ParamAttrs attrs;
     Func *init_func;   /* = init(f) */
+    Func *place;       /* of a mesh: [Vertex(place)] */
     const char *asset; /* = "file", resolved path */
     bool zeros;        /* = zeros(w, h[, d][, channels]) */
     bool open;         /* an array whose first size is `[]` */
     bool sized;        /* an open array with the length of values that the caller sets; zeros till then */
     uint32_t tex_w, tex_h, tex_d, tex_c; /* of textures and geometries that are grids, known at compile time; tex_d:
                                             slices of a texture3D, else 0 */
-    uint32_t nvertices, nfaces;          /* of a mesh, known at compile time */
+    uint32_t nvertices, nfaces, valence; /* of a mesh, known at compile time; valence: most faces of a vertex */
     bool has_uv;                         /* of a mesh: its topology has places in a texture */
     uint32_t param_index;                /* in Program.params */
     const char *doc_name;                /* "radius" or "module.name" */

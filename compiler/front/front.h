@@ -18,6 +18,7 @@ typedef struct Param {
     ParamAttrs attrs;
     bool is_texture, is_geometry, is_mesh; /* a mesh is a geometry; its numbers are float3[vertices] */
     uint32_t tbase, tcount;                /* of a mesh: its topology (saltus/mesh.h) in the int vector */
+    uint32_t vertex_parts, rings;          /* likewise, behind all topologies; 0: nobody asks */
     uint32_t tex_w, tex_h, tex_d, tex_c;   /* columns, rows, slices of a texture3D (else 0), channels */
     const char *asset; /* file of the first values, which the caller loads; NULL: they are in init_floats, init_ints */
 } Param;
@@ -61,6 +62,18 @@ typedef struct Untracked {
     JumpKind kind;
 } Untracked;
 
+/* An array of float3 that is computed from parameters, and from such arrays before it, whenever these change: where a
+ * mesh's vertices are, its normals. Its numbers lie behind those of all parameters; kernels, derivatives and geometries
+ * take it for one, and what a derivative in its numbers is worth in the parameters, its own program says. */
+typedef struct Derived {
+    const char *what;    /* "placed vertices" */
+    uint32_t param;      /* of the mesh: index in Program.params */
+    uint32_t base, n;    /* its slice of the float vector: n times 3 */
+    struct Program *of;  /* of element k0, the only input: three channels */
+    uint32_t *reads, nreads; /* parameters with floats that it depends on, through other arrays too */
+    bool reads_ints;     /* a parameter's integers */
+} Derived;
+
 typedef struct Program {
     Session *session;
     const char *entry;
@@ -71,6 +84,7 @@ typedef struct Program {
     Param *params;
     uint32_t nparams;
     uint32_t nfloats, nints;
+    uint32_t nplaced;    /* the last of the floats: those of derived arrays, which nobody sets */
     uint32_t ntopology;  /* the last of the ints: what meshes are made of, which nobody sets */
     double *init_floats; /* [nfloats], [nints]: values from the source; 0 where an asset's go */
     int32_t *init_ints;
@@ -79,6 +93,8 @@ typedef struct Program {
     bool uses_rand, uses_pixel, uses_prints;
     GeometryInfo *geometries; /* those that some query searches: the others need no structure */
     uint32_t ngeometries;
+    Derived *derived; /* in order: each may read those before it */
+    uint32_t nderived;
     uint32_t ncull;       /* [Cull] loops */
     Fn **cull_bounds;     /* [ncull] their bounds functions: input iteration, outputs lo.x lo.y hi.x hi.y */
     Untracked *untracked; /* instructions of the primal; valid until a pass edits it */
@@ -87,6 +103,9 @@ typedef struct Program {
     uint32_t nsilenced;
     Func *entry_func;
 } Program;
+
+/* How many of the floats are parameters. */
+static inline uint32_t program_floats(const Program *p) { return p->nfloats - p->nplaced; }
 
 typedef struct ProgramOptions {
     FrontOptions front;

@@ -34,10 +34,24 @@ static bool differentiated(const Flow *f, const Inst *param) {
     return false;
 }
 
+/* What a derived array is computed from. */
+static void add_derived(Flow *f, const Inst *i) {
+    const Program *p = f->options.program;
+    const Derived *d = p->derived;
+    while (i->imm.slot.base - d->base >= 3 * d->n) d++;
+    for (uint32_t k = 0; k < d->nreads; k++)
+        if (p->params[d->reads[k]].differentiable)
+            add(f, i, &(Depend){.on = DEPENDS_PARAM | DEPENDS_VALUE, .nnamed = 1, .named = {d->reads[k]}});
+}
+
 static void add_param(Flow *f, const Inst *i) {
     const Program *p = f->options.program;
     uint32_t index = 0;
     if (!differentiated(f, i)) return;
+    if (p && i->imm.slot.base >= program_floats(p)) {
+        add_derived(f, i);
+        return;
+    }
     if (p) { /* the last parameter that starts at or before the slot and is not empty */
         for (uint32_t end = p->nparams; index < end;) {
             uint32_t middle = (index + end) / 2;

@@ -18,6 +18,11 @@ enum { SLT_MESH_FACE = 3, SLT_MESH_PART = 1, SLT_MESH_UV = 12 }; /* integers a t
 #define SLT_MESH_TOPOLOGY(nfaces, has_uv) \
     ((uint64_t)(nfaces) * (SLT_MESH_FACE + SLT_MESH_PART + ((has_uv) ? SLT_MESH_UV : 0)))
 
+/* Behind all topologies, where a program asks for it:
+ *   the part of each vertex [nvertices]
+ *   rings [nvertices + 1][...]  where the faces around each vertex begin, and end; then these faces [nfaces * 3] */
+#define SLT_MESH_RINGS(nvertices, nfaces) ((uint64_t)(nvertices) + 1 + 3 * (uint64_t)(nfaces))
+
 /* A beam, the rows of SLT_QUERY_PIECES: what is seen from the eye through the window corner + s u + t v, s and t in
  * [0, 1]. Behind them the answer of SLT_QUERY_BEGIN, which only says that it was asked before. */
 enum { SLT_BEAM_EYE = 0, SLT_BEAM_CORNER = 3, SLT_BEAM_U = 6, SLT_BEAM_V = 9, SLT_BEAM_ROWS = 12 };

@@ -13,6 +13,7 @@
 #include "runtime/sample/alloc.h"
 #include "runtime/sample/bars.h"
 #include "runtime/sample/chance.h"
+#include "runtime/sample/derived.h"
 #include "runtime/sample/untie.h"
 
 enum {
@@ -217,7 +218,7 @@ static bool is_starved(const Chance *k, uint32_t p, uint32_t nfloats, uint32_t c
 /* Parameters to ask about, [nfloats]; how many. */
 static uint32_t ask_of(const SltScene *s, const Chance *k, Whose whose, uint32_t columns, uint8_t *asked) {
     uint32_t n = 0;
-    for (uint32_t p = 0; p < s->nfloats; p++) {
+    for (uint32_t p = 0; p < scene_params(s); p++) {
         asked[p] = (!s->active || s->active[p]) && (whose == WHOSE_ALL || is_starved(k, p, s->nfloats, columns));
         n += asked[p];
     }

@@ -8,6 +8,7 @@
 #include "runtime/geometry/geometry.h"
 #include "runtime/sample/alloc.h"
 #include "runtime/sample/bars.h"
+#include "runtime/sample/derived.h"
 #include "runtime/sample/difference.h"
 #include "runtime/sample/interior.h"
 
@@ -58,12 +59,13 @@ bool scene_move(Moved *m, const SltScene *s, const double *dir, uint32_t axis, d
     void *v = m->params = aligned_alloc(64, (s->nfloats * size + 128) / 64 * 64);
     if (!v) return false;
     memcpy(v, s->params, s->nfloats * size);
-    for (uint32_t p = dir ? 0 : axis; p < (dir ? s->nfloats : axis + 1); p++) {
+    for (uint32_t p = dir ? 0 : axis; p < (dir ? scene_params(s) : axis + 1); p++) {
         double x = param_get(s, p) + h * (dir ? dir[p] : 1);
         if (s->f64) ((double *)v)[p] = x;
         else ((float *)v)[p] = (float)x;
     }
     m->scene.params = v;
+    if (!derived_values(&m->scene, v)) return false;
     return !s->ngeometries || !s->geometries || move_geometries(m, s);
 }
 
@@ -72,7 +74,7 @@ static SltStatus image_difference(const SltScene *s, const SltJob *j, const doub
                                   float *out, float *scratch, SltStats *stats, SltError *err) {
     SltStatus st = SLT_OK;
     uint64_t n = s->channels;
-    for (uint32_t p = 0; p < s->nfloats && dir; p++) /* the component that goes farthest stands for the direction */
+    for (uint32_t p = 0; p < scene_params(s) && dir; p++) /* the component that goes farthest stands for the direction */
         if (!p || fabs(dir[p]) > fabs(dir[axis])) axis = p;
     double taken = dir && dir[axis] != 0 ? taken_step(s, axis, h * dir[axis]) / dir[axis] : taken_step(s, axis, h);
     if (taken == 0) return no_step(s, axis, h, err);
@@ -101,7 +103,7 @@ SltStatus difference_forward(const SltScene *s, const SltJob *j, uint32_t ndir, 
     SltStatus st = scratch ? SLT_OK : status_fail(err, SLT_LIMIT, "out of memory");
     for (uint32_t d = 0; d < ndir && st == SLT_OK; d++) {
         double size = 0, value = 0;
-        for (uint32_t p = 0; p < s->nfloats; p++)
+        for (uint32_t p = 0; p < scene_params(s); p++)
             if (dirs[d][p] != 0) size = fmax(size, fabs(dirs[d][p])), value = fmax(value, fabs(param_get(s, p)));
         if (size > 0) st = image_difference(s, j, dirs[d], 0, step_of(j, value) / size, out[d], scratch, stats, err);
         else memset(out[d], 0, image_size(s, j) * sizeof *out[d]);
@@ -117,7 +119,7 @@ SltStatus difference_reverse(const SltScene *s, const SltJob *j, const float *co
     SltStatus st = image && scratch ? SLT_OK : status_fail(err, SLT_LIMIT, "out of memory");
     memset(gradient, 0, s->nfloats * sizeof *gradient);
     if (stderr_bound) memset(stderr_bound, 0, s->nfloats * sizeof *stderr_bound);
-    for (uint32_t p = 0; p < s->nfloats && st == SLT_OK; p++) {
+    for (uint32_t p = 0; p < scene_params(s) && st == SLT_OK; p++) {
         if (s->active && !s->active[p]) continue;
         st = image_difference(s, j, NULL, p, step_of(j, param_get(s, p)), image, scratch, stats, err);
         double part[COSETS] = {0}, sum = 0, v = 0;
@@ -216,7 +218,7 @@ SltStatus difference_integral(const SltScene *s, const SltJob *j, SltIntegral *o
         if (out->value) out->value[c] = mean;
         if (out->value_stderr) out->value_stderr[c] = few ? HUGE_VAL : error;
     }
-    for (uint32_t p = 0; p < s->nfloats && st == SLT_OK; p++) {
+    for (uint32_t p = 0; p < scene_params(s) && st == SLT_OK; p++) {
         if (s->active && !s->active[p]) continue;
         double h = step_of(j, param_get(s, p));
         st = integral_differences(s, j, p, h, n, up, down, stats, err);

@@ -4,14 +4,15 @@
 
 #include "runtime/sample/estimate.h"
 
-/* A scene with other values of the parameters; what the values are used by (geometries) is moved, not made again. */
+/* A scene with other values of the parameters; what the values are used by (geometries) is moved, not made
+ * again; derived arrays follow. */
 typedef struct Moved {
     SltScene scene;               /* points at the members below, and else at what the original points at */
     void *params;                 /* flt[nfloats] */
     struct SltGeometry *geometry; /* [ngeometries]: moved copies */
     const struct SltGeometry **geometries;
 } Moved;
-/* The parameters of s plus h times dir[nfloats], or plus h in parameter `axis` where dir is NULL. False when memory
+/* The parameters of s plus h times dir[nfloats], of which derived arrays are not read, or plus h in parameter `axis` where dir is NULL. False when memory
  * runs out. moved_free follows, whatever the result. */
 bool scene_move(Moved *m, const SltScene *s, const double *dir, uint32_t axis, double h);
 void moved_free(Moved *m);

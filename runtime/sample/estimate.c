@@ -9,6 +9,7 @@
 #include "runtime/sample/bars.h"
 #include "runtime/sample/boundary.h"
 #include "runtime/sample/chance.h"
+#include "runtime/sample/derived.h"
 #include "runtime/sample/depth.h"
 #include "runtime/sample/interior.h"
 #include "runtime/sample/onesided.h"
@@ -151,6 +152,13 @@ static void combine(double *const *part, uint32_t n, double *total, double *vari
     }
 }
 
+/* Sums that are whole, of which errors are told by how they differ: derivatives in derived arrays differ together. */
+static SltStatus pull_rows(const SltScene *s, double *const *row, uint32_t n, SltError *err) {
+    for (uint32_t k = 0; k < n; k++)
+        if (!derived_pull(s, row[k])) return status_fail(err, SLT_LIMIT, "out of memory");
+    return SLT_OK;
+}
+
 static void clear_parts(double *const *part, uint32_t n, uint32_t nfloats) {
     for (uint32_t c = 0; c < n; c++) memset(part[c], 0, nfloats * sizeof *part[c]);
 }
@@ -194,7 +202,7 @@ static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const 
     if (classes > 1) memory &= (missed = alloc_zero(s->nfloats, sizeof *missed)) != NULL;
     if (halves && !j->no_boundary) memory &= (mean = malloc(size * sizeof *mean)) != NULL;
     if (classes > 1 && (halves || s->uses_rand) && s->nfloats <= PARTS_EVER)
-        memory &= parts_init(&tiles, s->nfloats, s->nfloats > PARTS_MOST), parts = &tiles;
+        memory &= parts_init(&tiles, s, s->nfloats > PARTS_MOST || s->nderived), parts = &tiles;
     if (parts && halves && !j->no_boundary) memory &= (noise = noise_of(adjoint, size)) != NULL;
     if (classes > 1 && s->uses_rand)
         memory &= (smooth = alloc_zero(s->nfloats, sizeof *smooth)) && (starved = alloc_zero(s->nfloats, 1));
@@ -208,8 +216,10 @@ static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const 
         double *targets[2 * COSETS];
         for (uint32_t c = 0; c < 2 * COSETS; c++) targets[c] = part[parts && halves ? 0 : c % classes];
         st = interior_reverse(&r, adjoint, classes, targets, parts, parts ? parts_of : (PartsOf){0});
-        if (st == SLT_OK && parts && parts->whole) parts_settle(parts, &parts_of, targets);
+        if (st == SLT_OK && parts && parts->whole && !parts_settle(parts, &parts_of, targets))
+            st = status_fail(err, SLT_LIMIT, "out of memory");
     }
+    if (st == SLT_OK) st = pull_rows(s, part, classes, err);
     if (st == SLT_OK && classes > 1) combine(part, classes, gradient, parts ? NULL : stderr_bound, s->nfloats);
     if (smooth) memcpy(smooth, gradient, s->nfloats * sizeof *smooth);
     r.stats.seconds_interior = pool_now() - t, t = pool_now();
@@ -233,7 +243,9 @@ static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const 
                       .parts_of = {.spread = apart ? own : 0, .noise = noise ? own + 1 : 0},
                       .targets = targets};
         st = boundary_run(&y, SINK_REVERSE);
-        if (st == SLT_OK && parts && parts->whole) parts_settle(parts, &y.parts_of, targets);
+        if (st == SLT_OK && parts && parts->whole && !parts_settle(parts, &y.parts_of, targets))
+            st = status_fail(err, SLT_LIMIT, "out of memory");
+        if (st == SLT_OK) st = pull_rows(s, targets, own + (missed != NULL), err);
         for (uint32_t c = 0; c < own && starved; c++)
             for (uint32_t p = 0; p < s->nfloats; p++) starved[p] |= part[c][p] == 0;
         if (st == SLT_OK && classes > 1) combine(part, own, gradient, apart ? NULL : stderr_bound, s->nfloats);
@@ -438,6 +450,18 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
                       .classes = 1};
         st = boundary_run(&y, SINK_INTEGRAL);
         r.stats.seconds_boundary += pool_now() - t;
+    }
+    for (uint64_t row = 0; st == SLT_OK && gradient && row < (uint64_t)k.n * s->channels; row++) {
+        double *of[] = {k.interior + row * s->nfloats, k.boundary + row * s->nfloats, k.missed + row * s->nfloats};
+        st = pull_rows(s, of, 3, err);
+    }
+    for (uint32_t c = 0; st == SLT_OK && gradient && c < s->channels; c++) {
+        double *half = k.half + (uint64_t)c * s->nfloats;
+        st = pull_rows(s, &half, 1, err);
+        for (uint32_t q = 0; st == SLT_OK && k.sketch && q < SKETCHES; q++) {
+            double *sketch = k.sketch + q * k.size + (uint64_t)c * s->nfloats;
+            st = pull_rows(s, &sketch, 1, err);
+        }
     }
     if (st == SLT_OK) {
         for (uint64_t row = 0; gradient && row < (uint64_t)k.n * s->channels; row++) {

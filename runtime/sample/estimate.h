@@ -59,6 +59,9 @@ typedef struct SltScene {
     uint32_t dim, channels;
     double lo[3], hi[3]; /* the domain, by axis */
     uint32_t nfloats, nints;
+    uint32_t nplaced; /* the last of the floats: those of derived arrays (runtime/sample/derived.h) */
+    const struct SltDerived *derived; /* [nderived] */
+    uint32_t nderived;
     const void *params;     /* flt[nfloats] */
     const int32_t *iparams; /* [nints] */
     const uint8_t *active;  /* [nfloats]: 1 where the gradient is wanted; NULL: everywhere */

@@ -19,6 +19,7 @@
 #include "runtime/base/rng.h"
 #include "runtime/quadrature/inner.h"
 #include "runtime/sample/alloc.h"
+#include "runtime/sample/derived.h"
 #include "runtime/sample/difference.h"
 #include "runtime/sample/run.h"
 
@@ -119,7 +120,7 @@ static SltStatus suspect(const SltScene *s, const SltJob *j, SltPlace *at, bool 
 /* ---- beside it */
 static bool sides_begin(Sides *q, const SltScene *s, bool look) {
     uint32_t active = 0;
-    for (uint32_t p = 0; p < s->nfloats; p++) active += is_active(s, p);
+    for (uint32_t p = 0; p < scene_params(s); p++) active += is_active(s, p);
     *q = (Sides){
         .s = s, .part = 1, .n = (uint64_t)s->channels * s->nfloats, .one_by_one = !look && active <= ONE_BY_ONE};
     q->moves = look ? 2 : 2 * (q->one_by_one ? active : DIRECTIONS);
@@ -127,7 +128,7 @@ static bool sides_begin(Sides *q, const SltScene *s, bool look) {
     q->lo = alloc_zero(5 * q->n, sizeof *q->lo);
     if (!q->lo || !q->parameter) return false;
     q->hi = q->lo + q->n, q->error = q->hi + q->n, q->gradient = q->error + q->n, q->own = q->gradient + q->n;
-    for (uint32_t p = 0, k = 0; p < s->nfloats && q->one_by_one; p++)
+    for (uint32_t p = 0, k = 0; p < scene_params(s) && q->one_by_one; p++)
         if (is_active(s, p)) q->parameter[k++] = p;
     return true;
 }

@@ -5,11 +5,13 @@
 
 #include "runtime/sample/alloc.h"
 #include "runtime/sample/bars.h"
+#include "runtime/sample/derived.h"
 #include "runtime/sample/parts.h"
 
-bool parts_init(Parts *p, uint32_t nfloats, bool whole) {
+bool parts_init(Parts *p, const SltScene *s, bool whole) {
+    const uint32_t nfloats = s->nfloats;
     *p = (Parts){
-        .nfloats = nfloats, .whole = whole, .sum = alloc_zero((PARTS_SUMS + 2) * (uint64_t)nfloats, sizeof *p->sum)};
+        .s = s, .nfloats = nfloats, .whole = whole, .sum = alloc_zero((PARTS_SUMS + 2) * (uint64_t)nfloats, sizeof *p->sum)};
     p->variance = p->sum ? p->sum + (uint64_t)PARTS_SUMS * nfloats : NULL;
     p->square = p->sum ? p->variance + nfloats : NULL;
     return p->sum != NULL;
@@ -40,10 +42,14 @@ static void find_targets(const Parts *p, const PartsOf *of, double *const *targe
         to[of->noise + c] = p->sum + (uint64_t)(parts + c) * p->nfloats;
 }
 
-void parts_settle(Parts *p, const PartsOf *of, double *const *targets) {
+bool parts_settle(Parts *p, const PartsOf *of, double *const *targets) {
     double *to[ACCUMS];
     uint32_t n = count(of);
     find_targets(p, of, targets, 0, to);
+    for (uint32_t c = 0; c < (p->whole ? n : 0); c++)
+        if (!derived_pull(p->s, to[c])) return false;
+    for (uint32_t c = 0; c < (p->whole && of->noise ? PARTS_NOISE : 0); c++)
+        if (!derived_pull(p->s, to[of->noise + c])) return false;
     for (uint32_t i = 0; i < p->nfloats; i++) {
         double pairs = 0, noise = 0;
         for (uint32_t c = 0; c < of->pairs; c++) pairs += pow(to[2 * c][i] - to[2 * c + 1][i], 2);
@@ -54,6 +60,7 @@ void parts_settle(Parts *p, const PartsOf *of, double *const *targets) {
             noise += to[c][i] * to[c][i], to[c][i] = 0;
         if (of->noise) add(p, i, noise, PARTS_NOISE);
     }
+    return true;
 }
 
 void parts_merge(Parts *p, Accum *a, const PartsOf *of, double *const *targets) {

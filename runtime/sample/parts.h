@@ -8,8 +8,9 @@
 #include "runtime/sample/accum.h"
 
 typedef struct Parts {
+    const SltScene *s;
     uint32_t nfloats;
-    bool whole;                /* all tiles are one, since parameters are many: parts_settle is due */
+    bool whole;                /* all tiles are one, since parameters are many or pulled: parts_settle is due */
     double *sum;               /* [PARTS_SUMS][nfloats]: of one tile, 0 between tiles */
     double *variance, *square; /* [nfloats]: over tiles, of the variance and its square by its degrees of freedom */
 } Parts;
@@ -22,12 +23,12 @@ typedef struct PartsOf {
         noise; /* the first of PARTS_NOISE buffers, each of what errs by itself and is no part of the answer; or 0 */
 } PartsOf;
 /* False when memory runs out. */
-bool parts_init(Parts *p, uint32_t nfloats, bool whole);
+bool parts_init(Parts *p, const SltScene *s, bool whole);
 void parts_free(Parts *p);
 /* Instead of accum_merge. */
 void parts_merge(Parts *p, Accum *a, const PartsOf *of, double *const *targets);
-/* After all tiles, where `whole`. */
-void parts_settle(Parts *p, const PartsOf *of, double *const *targets);
+/* After all tiles, where `whole`; pulls derived arrays. False when memory runs out. */
+bool parts_settle(Parts *p, const PartsOf *of, double *const *targets);
 /* The square of the bar. */
 double parts_variance(const Parts *p, uint32_t parameter);
 

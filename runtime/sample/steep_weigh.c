@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "runtime/sample/alloc.h"
+#include "runtime/sample/derived.h"
 #include "runtime/sample/steep_inner.h"
 
 enum { PARTS = 2 /* of the lines, whose distance is the error of what they say */, FEW = 32 };
@@ -225,8 +226,8 @@ bool steep_weigh_peak(SteepProbe *p, const SteepPeak *peak, SltIntegral *out, bo
 static bool weigh_jumps(SteepProbe *p, double *off) {
     const SltScene *s = p->s;
     uint32_t active = 0;
-    for (uint32_t q = 0; q < s->nfloats; q++) active += !s->active || s->active[q];
-    for (uint32_t q = 0; q < s->nfloats; q++) {
+    for (uint32_t q = 0; q < scene_params(s); q++) active += !s->active || s->active[q];
+    for (uint32_t q = 0; q < scene_params(s); q++) {
         bool hit[STEEP_STEPS] = {false}, memory = true;
         if (s->active && !s->active[q]) continue;
         for (int side = 0; side < 2 && active <= FEW && memory; side++) {

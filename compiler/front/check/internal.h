@@ -174,6 +174,9 @@ void check_const_decl(Checker *c, Symbol *sym, ModuleScope *scope);
 void check_param_decl(Checker *c, Symbol *sym, ModuleScope *scope);
 void check_field_attrs(Checker *c, ParamAttrs *a, const Type *t, Span at); /* of a field of type t */
 
+/* vertex.c */
+void check_vertex(Checker *c, Symbol *sym); /* of a mesh with [Vertex] */
+
 /* stmt.c */
 void check_body(Checker *c, Func *f);
 /* f for every node, children first, in order of evaluation; of a statement, for those of nested ones too. */

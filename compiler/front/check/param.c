@@ -250,7 +250,7 @@ static bool texture_from_asset(Checker *c, Symbol *sym, const GeometryType *grid
 static bool mesh_from_asset(Checker *c, Symbol *sym) {
     uint32_t dims[4] = {0}, nd = 0;
     if (!probe_asset(c, sym, dims, &nd)) return false;
-    sym->nvertices = dims[0], sym->nfaces = dims[1], sym->has_uv = dims[2];
+    sym->nvertices = dims[0], sym->nfaces = dims[1], sym->has_uv = dims[2], sym->valence = dims[3];
     return array_limit(c, sym, 3 * (uint64_t)dims[0]) && array_limit(c, sym, SLT_MESH_TOPOLOGY(dims[1], dims[2]));
 }
 
@@ -500,6 +500,8 @@ static void param_attrs(Checker *c, Symbol *sym) {
         else if (ok && (!isfinite(a->height_scale) || !isfinite(a->height_offset)))
             diag_emit(c->s, DIAG_attr_args, a->height_span, "[Height(scale, offset)] needs finite numbers");
     }
+    if (a->vertex_name && type_is_mesh(t)) check_vertex(c, sym);
+    else if (a->vertex_name) misplaced(c, a->vertex_span, sym, "Vertex", t);
     if (a->log && !has_scalars(t, true)) misplaced(c, a->log_span, sym, "Log", t);
     if (a->color && !type_is_texture(elem) && !(elem->kind == T_VECTOR && elem->n >= 3 && scalar_kind(elem) == T_FLOAT))
         misplaced(c, a->color_span, sym, "Color", t);

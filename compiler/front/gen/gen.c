@@ -245,13 +245,20 @@ Fn *gen_function(Lower *outer, Func *f, const char *name, InputSlot arg, uint32_
 
 /* ---- parameters */
 
+void gen_reserve(Lower *l, uint32_t *n, uint64_t more, Span span) {
+    if (*n + more > MAX_PARAM_NUMBERS) {
+        diag_emit(l->s, DIAG_too_many_params, span);
+        gen_giveup(l);
+    }
+    *n += (uint32_t)more;
+}
+
 static void collect_params(Lower *l, Module *main) {
     Program *p = l->program;
     uint32_t n = 0;
     for (const Module *m = main; m; m = m->next)
         for (const Symbol *s = m->params; s; s = s->next) n++;
     p->params = ARENA_ARRAY(l->arena, Param, n + 1);
-    uint64_t floats = 0, ints = 0;
     for (Module *m = main; m; m = m->next)
         for (Symbol *s = m->params; s; s = s->next) {
             Param *q = &p->params[p->nparams];
@@ -275,30 +282,21 @@ static void collect_params(Lower *l, Module *main) {
                 const Layout *layout = gen_layout(l, q->type);
                 nf = layout->nfloats, ni = layout->nints;
             }
-            if (floats + nf > MAX_PARAM_NUMBERS || ints + ni > MAX_PARAM_NUMBERS) {
-                diag_emit(l->s, DIAG_too_many_params, s->span);
-                gen_giveup(l);
-            }
-            q->fbase = (uint32_t)floats, q->fcount = (uint32_t)nf;
-            q->ibase = (uint32_t)ints, q->icount = (uint32_t)ni;
-            floats += nf, ints += ni;
+            q->fbase = p->nfloats, q->fcount = (uint32_t)nf;
+            q->ibase = p->nints, q->icount = (uint32_t)ni;
+            gen_reserve(l, &p->nfloats, nf, s->span);
+            gen_reserve(l, &p->nints, ni, s->span);
             q->differentiable = nf > 0 && !s->attrs.nodiff;
         }
-    uint64_t own = ints;
+    const uint32_t own = p->nints;
     for (uint32_t i = 0; i < p->nparams; i++) {
         Param *q = &p->params[i];
         if (!q->is_mesh) continue;
         uint64_t n = SLT_MESH_TOPOLOGY(q->sym->nfaces, q->sym->has_uv);
-        if (ints + n > MAX_PARAM_NUMBERS) {
-            diag_emit(l->s, DIAG_too_many_params, q->sym->span);
-            gen_giveup(l);
-        }
-        q->tbase = (uint32_t)ints, q->tcount = (uint32_t)n;
-        ints += n;
+        q->tbase = p->nints, q->tcount = (uint32_t)n;
+        gen_reserve(l, &p->nints, n, q->sym->span);
     }
-    p->nfloats = (uint32_t)floats;
-    p->nints = (uint32_t)ints;
-    p->ntopology = (uint32_t)(ints - own);
+    p->ntopology = p->nints - own;
 }
 
 /* ---- the program */
@@ -315,6 +313,7 @@ static void gen_entry(Lower *l, Func *entry) {
     l->fn->sites = l->sites.data;
     l->fn->nsites = l->sites.len;
     gen_geometry_finish(l);
+    gen_derived_finish(l);
     p->geometries = l->geometries.data;
     p->ngeometries = l->geometries.len;
     p->untracked = l->untracked.data;

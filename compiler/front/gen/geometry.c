@@ -25,7 +25,7 @@ uint32_t gen_geometry_number(Lower *l, Searched of) {
     const Param *p = &l->program->params[of.sym->param_index];
     GeometryInfo g = {.kind = (SltGeometryKind)of.sym->type->n,
                       .param = of.sym->param_index,
-                      .base = p->fbase,
+                      .base = p->is_mesh ? gen_placed(l, of.sym) : p->fbase,
                       .count = p->fcount,
                       .size = {p->tex_w, p->tex_h},
                       .nfaces = of.sym->nfaces,

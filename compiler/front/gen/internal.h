@@ -9,6 +9,7 @@
  * place.c          what can be indexed and assigned: variables, arrays, parameters
  * builtin.c        builtin functions
  * texture.c        textures
+ * derived.c        arrays that are computed from parameters: placed vertices, normals of vertices
  * geometry.c       rays that meet a geometry: queries, and what follows from all of them
  * NAME.c           a geometry: NAME is that of its row in saltus/geometries.def
  * site.c           sites, [SkipLoop], the record of what is untagged
@@ -179,6 +180,7 @@ typedef struct Lower {
     uint32_t fact_cap;
     Vec(Fn *) culls;
     Vec(GeometryInfo) geometries;
+    Vec(Derived) derived;
     Vec(Surface) surfaces;
     Vec(Clearance) clearances;
     uint32_t nops, nloops;
@@ -196,6 +198,8 @@ const Layout *gen_layout(Lower *l, Type *t);
 FuncFacts *gen_facts(Lower *l, Func *f);
 /* Parts [first, first + count) of what f returns; its int arguments are the inputs from `arg` on. */
 Fn *gen_function(Lower *l, Func *f, const char *name, InputSlot arg, uint32_t first, uint32_t count);
+/* Makes n, of the floats or the integers of all parameters, larger; their number is limited. */
+void gen_reserve(Lower *l, uint32_t *n, uint64_t more, Span span);
 _Noreturn void gen_too_large(Lower *l, Span span);
 IrType gen_ir_type(const Type *t);
 
@@ -263,6 +267,9 @@ Bind *gen_bind(Lower *l, const Symbol *sym);
  * NULL. */
 Inst *param_int(Lower *l, const Symbol *sym, uint32_t offset, Inst *dyn, uint32_t span, IrType t);
 Inst *param_float(Lower *l, const Symbol *sym, uint32_t offset, Inst *dyn, uint32_t span);
+/* The same of any slice of the floats or the integers. */
+Inst *slice_float(Lower *l, uint32_t base, Inst *dyn, uint32_t span);
+Inst *slice_int(Lower *l, uint32_t base, Inst *dyn, uint32_t span);
 
 /* call.c */
 Val gen_call(Lower *l, Expr *e);
@@ -305,6 +312,11 @@ Inst *site_ray(Lower *l, SiteKind kind, Inst *hit, Inst *g, Span span);
 void site_untracked(Lower *l, Inst *at, Inst *g0, Inst *g1, Span span, JumpKind kind);
 Inst *gen_skip_condition(Lower *l, Expr *cond, LoopCtx *root);
 void site_flush_skips(Lower *l, LoopCtx *root);
+
+/* derived.c */
+uint32_t gen_placed(Lower *l, const Symbol *mesh);  /* where the float vector has its vertices as rays meet them */
+uint32_t gen_normals(Lower *l, const Symbol *mesh); /* and normals of unit length of these */
+void gen_derived_finish(Lower *l);                  /* of the whole entry: writes out what was asked for */
 
 /* init.c */
 void gen_initial_values(Lower *l);

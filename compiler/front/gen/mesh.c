@@ -28,14 +28,16 @@ static Inst *of_triangle(Lower *l, const Symbol *sym, uint32_t base, uint32_t co
     return param_int(l, sym, base + k, op2(l, OP_imul, tri, ki(l, count)), (sym->nfaces - 1) * count, TY_INT);
 }
 
+/* What slice `base` of the floats has of a vertex. */
+static void of_vertex(Lower *l, const Symbol *sym, uint32_t base, Inst *vertex, Vec3 out) {
+    Inst *at = op2(l, OP_imul, clamp_index(l, vertex, false, sym->nvertices), ki(l, 3));
+    for (uint32_t a = 0; a < 3; a++) out[a] = slice_float(l, base + a, at, 3 * (sym->nvertices - 1));
+}
+
 /* The corners of a triangle. */
 static void corners(Lower *l, const Symbol *sym, Inst *tri, Vec3 out[3]) {
-    const uint32_t last = sym->nvertices - 1;
-    for (uint32_t k = 0; k < 3; k++) {
-        Inst *vertex = clamp_index(l, of_triangle(l, sym, 0, SLT_MESH_FACE, k, tri), false, sym->nvertices),
-             *at = op2(l, OP_imul, vertex, ki(l, 3));
-        for (uint32_t a = 0; a < 3; a++) out[k][a] = param_float(l, sym, a, at, 3 * last);
-    }
+    for (uint32_t k = 0; k < 3; k++)
+        of_vertex(l, sym, gen_placed(l, sym), of_triangle(l, sym, 0, SLT_MESH_FACE, k, tri), out[k]);
 }
 
 /* One of the two texture coordinates of a triangle's corner: the sum of two floats. */
@@ -169,9 +171,8 @@ static Inst *told(Lower *l, const Beam *b, uint32_t which, Inst *unit, IrType t)
 }
 
 static void vertex_from(Lower *l, const Beam *b, Inst *number, Vec3 out) {
-    const Symbol *sym = b->sym;
-    Inst *at = op2(l, OP_imul, clamp_index(l, number, false, sym->nvertices), ki(l, 3));
-    for (uint32_t a = 0; a < 3; a++) out[a] = sub(l, param_float(l, sym, a, at, 3 * (sym->nvertices - 1)), b->eye[a]);
+    of_vertex(l, b->sym, gen_placed(l, b->sym), number, out);
+    minus(l, out, b->eye, out);
 }
 
 /* The plane of a triangle seen from the eye: d . normal / det is 1 / t. */
@@ -299,11 +300,39 @@ static Val next(Lower *l, Expr *e, const Symbol *sym) {
     return piece_of(l, e->type, sym, unit, q.c + PIECE_BEAM);
 }
 
+/* ---- normals that bend with the surface */
+
+enum { HIT_HIT = 0, HIT_P = 2, HIT_TRI = 10 }; /* among the parts of a MeshHit */
+
+/* Normals of the corners, weighted by the areas that p cuts the triangle into. */
+static Val smooth_normal(Lower *l, Expr *e, const Symbol *sym) {
+    Val v = val_new(l, e->type), hit = gen_expr(l, e->args[0]);
+    Inst *found = op2(l, OP_band, hit.c[HIT_HIT], op2(l, OP_ile, ki(l, 0), hit.c[HIT_TRI])),
+         *tri = triangle_in(l, sym, hit.c[HIT_TRI]), *sum[3] = {kf(l, 0), kf(l, 0), kf(l, 0)};
+    Vec3 corner[3], from[3], p, q, across, part, normal;
+    corners(l, sym, tri, corner);
+    minus(l, corner[1], corner[0], p);
+    minus(l, corner[2], corner[0], q);
+    cross(l, p, q, across);
+    Inst *whole = dot_n(l, across, across, 3), *real = op2(l, OP_flt, kf(l, 0), whole);
+    for (int k = 0; k < 3; k++) minus(l, corner[k], hit.c + HIT_P, from[k]);
+    for (uint32_t k = 0; k < 3; k++) {
+        cross(l, from[(k + 1) % 3], from[(k + 2) % 3], part);
+        Inst *area = op2(l, OP_fdiv, dot_n(l, part, across, 3), sel(l, real, whole, kf(l, 1)));
+        of_vertex(l, sym, gen_normals(l, sym), of_triangle(l, sym, 0, SLT_MESH_FACE, k, tri), normal);
+        for (int a = 0; a < 3; a++) sum[a] = add(l, sum[a], mul(l, area, normal[a]));
+    }
+    Inst *square = dot_n(l, sum, sum, 3), *some = op2(l, OP_band, found, op2(l, OP_flt, kf(l, 0), square)),
+         *length = op1(l, OP_fsqrt, sel(l, some, square, kf(l, 1)));
+    for (int a = 0; a < 3; a++) v.c[a] = sel(l, some, op2(l, OP_fdiv, sum[a], length), kf(l, 0));
+    return v;
+}
+
 Val gen_mesh(Lower *l, Expr *e, const Symbol *sym) {
     const MethodInfo *method = &methods[e->method];
     bool pieces = e->method == M_MESH_FIRST || e->method == M_MESH_NEXT;
-    const char *why = l->quiet ? "is asked by the shader itself, not by bounds and initial values"
-                      : l->tag.disc && !pieces
+    const char *why = l->quiet ? "is asked by the shader itself, not by bounds, initial values and what places vertices"
+                      : l->tag.disc && !pieces && e->method != M_MESH_SMOOTH
                           ? "is no site yet: its silhouettes are not integrated, so take [Disc] away"
                           : NULL;
     if (why) {
@@ -312,6 +341,7 @@ Val gen_mesh(Lower *l, Expr *e, const Symbol *sym) {
     }
     if (e->method == M_MESH_FIRST) return first(l, e, sym);
     if (e->method == M_MESH_NEXT) return next(l, e, sym);
+    if (e->method == M_MESH_SMOOTH) return smooth_normal(l, e, sym);
     Val o = gen_expr(l, e->args[0]), d = gen_expr(l, e->args[1]);
     Inst *t0 = gen_scalar(l, e->args[2]), *t1 = gen_scalar(l, e->args[3]);
     Ray r = {.x = o.c[0], .y = o.c[1], .z = o.c[2], .dx = d.c[0], .dy = d.c[1], .dz = d.c[2], .t0 = t0, .t1 = t1};

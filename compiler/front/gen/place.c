@@ -187,18 +187,27 @@ Place gen_place(Lower *l, Expr *e) {
 
 /* ---- reading */
 
-Inst *param_float(Lower *l, const Symbol *sym, uint32_t offset, Inst *dyn, uint32_t span) {
-    const Param *p = &l->program->params[sym->param_index];
-    Imm imm = {.slot = {p->fbase + offset, span + 1}};
+static Inst *read_slice(Lower *l, Op op, IrType t, uint32_t base, Inst *dyn, uint32_t span) {
+    Imm imm = {.slot = {base, span + 1}};
     if (!dyn) dyn = ki(l, 0), imm.slot.count = 1;
-    return special(l, OP_param, TY_FLT, 1, &dyn, imm);
+    return special(l, op, t, 1, &dyn, imm);
+}
+
+Inst *slice_float(Lower *l, uint32_t base, Inst *dyn, uint32_t span) {
+    return read_slice(l, OP_param, TY_FLT, base, dyn, span);
+}
+
+Inst *slice_int(Lower *l, uint32_t base, Inst *dyn, uint32_t span) {
+    return read_slice(l, OP_iparam, TY_INT, base, dyn, span);
+}
+
+Inst *param_float(Lower *l, const Symbol *sym, uint32_t offset, Inst *dyn, uint32_t span) {
+    return slice_float(l, l->program->params[sym->param_index].fbase + offset, dyn, span);
 }
 
 Inst *param_int(Lower *l, const Symbol *sym, uint32_t offset, Inst *dyn, uint32_t span, IrType t) {
     const Param *p = &l->program->params[sym->param_index];
-    Imm imm = {.slot = {(p->is_mesh ? p->tbase : p->ibase) + offset, span + 1}};
-    if (!dyn) dyn = ki(l, 0), imm.slot.count = 1;
-    Inst *i = special(l, OP_iparam, TY_INT, 1, &dyn, imm);
+    Inst *i = slice_int(l, (p->is_mesh ? p->tbase : p->ibase) + offset, dyn, span);
     return t == TY_BOOL ? op2(l, OP_ine, i, ki(l, 0)) : i;
 }
 

@@ -21,6 +21,7 @@ typedef enum AttrId {
     A_LOG,
     A_EXTENT,
     A_HEIGHT,
+    A_VERTEX,
     A_TANGENT,
     A_DOMAIN,
     A_DISPLAY,
@@ -40,6 +41,7 @@ static const AttrRow table[A_COUNT] = {
     [A_LOG] = {"Log", ON_PARAM | ON_FIELD, ARGS_NONE, 0, "[Log]"},
     [A_EXTENT] = {"Extent", ON_PARAM, ARGS_VALUES, 4, "[Extent(x0, y0, x1, y1)]"},
     [A_HEIGHT] = {"Height", ON_PARAM, ARGS_VALUES, 2, "[Height(scale, offset)]"},
+    [A_VERTEX] = {"Vertex", ON_PARAM, ARGS_NAME, 1, "[Vertex(function)]"},
     [A_TANGENT] = {"Tangent", ON_FUNC, ARGS_NAME, 1, "[Tangent(function)]"},
     [A_DOMAIN] = {"Domain", ON_SHADER, ARGS_VALUES, 2, "[Domain(lo, hi)]"},
     [A_DISPLAY] = {"Display", ON_SHADER, ARGS_NONE, 0, "[Display]"},
@@ -170,6 +172,7 @@ void attrs_to_param(Parser *p, const AttrVec *attrs, ParamAttrs *out, bool field
             out->has_height = true, out->height_span = a->span;
             memcpy(out->height_args, a->args, sizeof out->height_args);
             break;
+        case A_VERTEX: out->vertex_name = a->args[0]->name, out->vertex_span = a->args[0]->span; break;
         default: break;
         }
     }
