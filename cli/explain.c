@@ -170,6 +170,7 @@ static void print_program(const Explained *m) {
     if (!m->nno_gradient) puts("  none");
     print_bounds(&m->bounds);
     print_structures(m);
+    explain_print_meshes(m);
     print_left_out(m);
     printf("\ntime to compile: front end %.1f ms, passes %.1f ms, LLVM %.1f ms%s\n", m->ms_front, m->ms_passes,
            m->ms_llvm, m->cached ? " (cached)" : "");
@@ -281,6 +282,7 @@ static void json_program(const Explained *m, SltProgram *p) {
     for (uint32_t i = 0; i < m->nno_gradient; i++) json_pair(&first, m->no_gradient[i].param, m->no_gradient[i].why);
     fputs("}, ", stdout);
     json_bounds(&m->bounds);
+    explain_json_meshes(m);
     printf("\"structures\": {\"cull_lists\": %u, \"fields\": [", m->ncull);
     json_geometries(m);
     fputs("]}, \"left_out\": {", stdout);

@@ -6,6 +6,7 @@
 
 #include "bindings/c/api.h"
 #include "cli/cli.h"
+#include "runtime/mesh/mesh.h"
 
 typedef struct ExplainedSite {
     const char *kind, *file, *path, *text; /* file NULL: no place; path: functions that the site was inlined through */
@@ -34,6 +35,18 @@ typedef struct ExplainedGeometry {
     uint32_t queries, by_kernel[K_KINDS]; /* bit (1 << SltQuery): asked by any kernel, by kernels of a kind */
     uint32_t not_asked;                   /* bit (1 << SltQuery): it would answer, but no kernel asks */
 } ExplainedGeometry;
+
+typedef struct ExplainedMesh {
+    const char *name;
+    MeshCounts counts;
+} ExplainedMesh;
+
+/* An array that is computed from parameters: from their names with commas. */
+typedef struct ExplainedDerived {
+    const char *what, *mesh, *from;
+    uint32_t n;
+    bool differentiated;
+} ExplainedDerived;
 
 /* A place in the source that bounds say something of. */
 typedef struct ExplainedPlace {
@@ -70,6 +83,9 @@ typedef struct Explained {
     ExplainedKernel kernels[K_KINDS];
     ExplainedLack *no_gradient, *no_structure;
     ExplainedGeometry *geometries;
+    ExplainedMesh *meshes;
+    ExplainedDerived *derived;
+    uint32_t nmeshes, nderived;
     uint32_t nsites, nno_gradient, nno_structure, ngeometries;
     ExplainedBounds bounds;
 } Explained;
@@ -94,6 +110,10 @@ typedef struct ExplainedPoint {
 SltStatus explain_program(const Cli *c, SltProgram *p, Explained *out, SltError *err);
 /* explain_bounds.c: of a program whose kernels are compiled. */
 SltStatus explain_bounds(SltProgram *p, ExplainedBounds *out, SltError *err);
+/* explain_mesh.c */
+SltStatus explain_meshes(const SltProgram *p, Arena *arena, Explained *out, SltError *err);
+void explain_print_meshes(const Explained *m);
+void explain_json_meshes(const Explained *m);
 /* explain_cells.c: writes the picture c->cells. */
 SltStatus explain_cells(const Cli *c, SltProgram *p, SltError *err);
 SltStatus explain_point(SltProgram *p, const double x[3], ExplainedPoint *out, SltError *err);

@@ -1,4 +1,5 @@
 /* The inside of a program, read once for explain.c. */
+#include "bindings/c/derived.h"
 #include "cli/explain.h"
 
 #include <math.h>
@@ -26,8 +27,10 @@ static const char *site_kind_name(SiteKind k) {
     case SITE_ROUND: return "round";
     case SITE_TRUNC: return "trunc";
     case SITE_FMOD: return "fmod";
-    case SITE_SILHOUETTE: return "silhouette";
-    case SITE_SHADOW: return "shadow";
+    case SITE_SILHOUETTE:
+    case SITE_MESH: return "silhouette";
+    case SITE_SHADOW:
+    case SITE_MESH_SHADOW: return "shadow";
     }
     return "?";
 }
@@ -208,12 +211,17 @@ SltStatus explain_program(const Cli *c, SltProgram *p, Explained *out, SltError 
     mark_sites(g->primal->body, e.alive);
     if (p->fn[K_VJP]) add_reach(&e, p->fn[K_VJP]->body);
     for (const Fn *part = p->fn[K_SITE_VJP]; part; part = part->next_part) add_reach(&e, part->body);
+    for (uint32_t d = g->nderived; d-- > 0;) {
+        const Derived *of = &g->derived[d];
+        const Fn *fn = p->derived[d].fn[K_VJP];
+        if (fn && memchr(e.reach + of->base, 1, 3 * (size_t)of->n)) add_reach(&e, fn->body);
+    }
     *out = (Explained){.entry = g->entry,
                        .dim = g->dim,
                        .channels = g->channels,
                        .display = g->display,
-                       .nfloats = g->nfloats,
-                       .nints = g->nints,
+                       .nfloats = program_floats(g),
+                       .nints = g->nints - g->ntopology,
                        .width = p->scene.width,
                        .ncull = g->ncull,
                        .f64 = p->opt.f64,
@@ -228,6 +236,8 @@ SltStatus explain_program(const Cli *c, SltProgram *p, Explained *out, SltError 
     explain_kernels(&e, out);
     explain_geometries(&e, out);
     explain_params(&e, out);
+    status = explain_meshes(p, arena, out, err);
+    if (status != SLT_OK) return status;
     return explain_bounds(p, &out->bounds, err);
 }
 

@@ -143,6 +143,7 @@ uint32_t api_geometry_queries(const Fn *fn, uint32_t geometry); /* bit (1 << Slt
 void api_geometries_want(SltProgram *p, const Fn *fn); /* fn will run: the next api_geometries makes what fn asks for */
 /* Makes the geometries that compiled kernels ask for; those that are there follow their numbers in flt. */
 SltStatus api_geometries(SltProgram *p, SltError *err);
+bool api_geometries_lost(const SltProgram *p); /* geometry_lost of any */
 
 /* ---- derived.c */
 void api_derived_lower(SltProgram *p); /* with the shader's primal */

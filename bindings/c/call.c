@@ -124,6 +124,12 @@ SltStatus api_call_end(ApiCall *c, SltStatus status) {
     if (!p) return status;
     if (status == SLT_OK && p->error.status != SLT_OK)
         status = status_fail(c->err, p->error.status, "%s", p->error.text);
+    const bool lost = api_geometries_lost(p);
+    if (status == SLT_OK && lost)
+        status =
+            status_fail(c->err, SLT_LIMIT,
+                        "out of memory for the visible pieces of a mesh: at most 2^24 pieces and sides are kept for "
+                        "the samples that run together, so let windows be smaller, or fewer in a loop");
     if (c->stats) api_name_drops(p, c->stats);
     if (c->theirs) api_struct_write(c->theirs, c->stats, sizeof *c->stats);
     p->scene.iparams = p->ints, p->lent_ints = NULL;

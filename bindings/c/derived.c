@@ -10,13 +10,13 @@ static Program *program_of(const SltProgram *p, uint32_t d) { return p->prog->de
 void api_derived_lower(SltProgram *p) {
     Program *prog = p->prog;
     Arena *a = &p->session->module;
-    PassCtx quiet = p->passes;
-    quiet.program = NULL; /* the shader's own warnings are about the shader's instructions */
+    PassCtx passes = p->passes;
     p->derived = ARENA_ARRAY(a, DerivedState, prog->nderived + 1);
     p->derived_scene = ARENA_ARRAY(a, SltDerived, prog->nderived + 1);
     for (uint32_t d = 0; d < prog->nderived; d++) {
         DerivedState *s = &p->derived[d];
-        pipeline_primal(&quiet, program_of(p, d)->primal);
+        passes.program = program_of(p, d);
+        pipeline_primal(&passes, program_of(p, d)->primal);
         s->reaches = ARENA_ARRAY(a, uint8_t, (prog->nfloats + 7) / 8 + 1);
         ad_activity(program_of(p, d)->primal, s->reaches);
         s->stale = true;

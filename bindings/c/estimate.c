@@ -20,7 +20,7 @@ static bool proves_lines(const SltProgram *p, const SltJob *j) {
     bool shadows = false, silhouettes = false, wanted = j->integral ? p->opt.near_miss != 0 : p->opt.near_miss > 0;
     for (uint32_t s = 0; s < primal->nsites; s++) {
         shadows |= primal->sites[s].kind == SITE_SHADOW;
-        silhouettes |= primal->sites[s].kind == SITE_SILHOUETTE;
+        silhouettes |= primal->sites[s].kind == SITE_SILHOUETTE || ir_site_of_mesh(primal->sites[s].kind);
     }
     return shadows && !silhouettes && wanted && j->estimator == SLT_EST_LATTICE && primal->dim == 2;
 }

@@ -19,8 +19,19 @@ static uint32_t *grid_edges(uint32_t w, uint32_t h, uint32_t d, size_t *n) {
     return edges;
 }
 
+/* The sides of triangles, so many integers. */
+static uint32_t *sides_of(const int32_t *faces, uint32_t n, size_t *nedges) {
+    uint32_t *to = malloc((2 * (size_t)n + 1) * sizeof *to);
+    for (uint32_t i = 0; to && i < n; i++) {
+        const int32_t *face = faces + i / 3 * 3;
+        to[2 * (size_t)i] = (uint32_t)face[i % 3], to[2 * (size_t)i + 1] = (uint32_t)face[(i + 1) % 3];
+    }
+    *nedges = to ? n : 0;
+    return to;
+}
+
 /* The edges of the faces that the parameter `name` lists, for a mesh of so many vertices. */
-static SltStatus mesh_edges(const SltFit *f, const char *name, uint32_t vertices, uint32_t **edges, size_t *n,
+static SltStatus list_edges(const SltFit *f, const char *name, uint32_t vertices, uint32_t **edges, size_t *n,
                             SltError *err) {
     ParamRef at;
     SltStatus status = fit_find_param(f->p, name, "faces of a mesh", &at, err);
@@ -28,27 +39,27 @@ static SltStatus mesh_edges(const SltFit *f, const char *name, uint32_t vertices
     if (at.fcount || at.icount < 3 || at.icount % 3)
         return status_fail(err, SLT_USAGE, "`%s` is no list of faces: it has %u integers and %u floats", name,
                            at.icount, at.fcount);
-    uint32_t *to = malloc(2 * (size_t)at.icount * sizeof *to);
-    if (!to) return fit_out_of_memory(err);
-    *edges = to, *n = at.icount;
-    for (uint32_t i = 0; i < at.icount; i++) {
-        const int32_t *face = f->p->ints + at.ibase + i / 3 * 3;
-        uint32_t ends[2] = {(uint32_t)face[i % 3], (uint32_t)face[(i + 1) % 3]};
-        if (ends[0] >= vertices)
+    const int32_t *faces = f->p->ints + at.ibase;
+    for (uint32_t i = 0; i < at.icount; i++)
+        if (faces[i] < 0 || (uint32_t)faces[i] >= vertices)
             return status_fail(err, SLT_INPUT, "face %u of `%s` has the vertex %d, and there are %u", i / 3, name,
-                               face[i % 3], vertices);
-        *to++ = ends[0], *to++ = ends[1];
-    }
-    return SLT_OK;
+                               faces[i], vertices);
+    *edges = sides_of(faces, at.icount, n);
+    return *edges ? SLT_OK : fit_out_of_memory(err);
 }
 
 /* The edges that the grid has instead of its four neighbours, malloc'd; none of a plain grid. */
-static SltStatus find_edges(const SltFit *f, const char *name, const uint32_t size[3], OptimiseGrid *g, SltError *err) {
+static SltStatus find_edges(const SltFit *f, const char *name, const Param *of, const uint32_t size[3],
+                            OptimiseGrid *g, SltError *err) {
     uint32_t *edges = NULL;
     SltStatus status = SLT_OK;
+    if (of->is_mesh) {
+        g->edges = sides_of(f->p->ints + of->tbase, 3 * of->sym->nfaces, &g->nedges);
+        return g->edges ? SLT_OK : fit_out_of_memory(err);
+    }
     for (uint32_t k = 0; k < f->opt.nsmooth_faces && status == SLT_OK && !edges; k++)
         if (f->opt.smooth_faces[k].name && !strcmp(f->opt.smooth_faces[k].name, name))
-            status = mesh_edges(f, f->opt.smooth_faces[k].value, size[0] * size[1] * size[2], &edges, &g->nedges, err);
+            status = list_edges(f, f->opt.smooth_faces[k].value, size[0] * size[1] * size[2], &edges, &g->nedges, err);
     if (status == SLT_OK && !edges && size[2] > 1) {
         edges = grid_edges(size[0], size[1], size[2], &g->nedges);
         if (!edges) status = fit_out_of_memory(err);
@@ -111,7 +122,7 @@ static SltStatus find_grid(SltFit *f, const SltFitNumber *smooth, OptimiseGrid *
                         .stride_y = (size_t)size[0] * channels,
                         .stride_c = 1,
                         .lambda = smooth->value};
-    return find_edges(f, smooth->name, size, g, err);
+    return find_edges(f, smooth->name, at.param, size, g, err);
 }
 
 static SltStatus set_rate(const SltFit *f, const SltFitNumber *given, double *rate, SltError *err) {

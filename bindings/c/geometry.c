@@ -91,6 +91,13 @@ static SltStatus make(SltProgram *p, uint32_t g, SltError *err) {
     return SLT_OK;
 }
 
+bool api_geometries_lost(const SltProgram *p) {
+    bool lost = false;
+    for (uint32_t g = 0; p->geometries && g < p->prog->ngeometries; g++)
+        lost |= p->geometries[g] && geometry_lost(p->geometries[g]);
+    return lost;
+}
+
 SltStatus api_geometries(SltProgram *p, SltError *err) {
     for (uint32_t g = 0; g < p->prog->ngeometries; g++) {
         GeometryState *s = &p->geometry_state[g];

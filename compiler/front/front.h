@@ -91,6 +91,7 @@ typedef struct Program {
     Fn *primal;         /* outputs: the channels; MATH rows, custom regions and sites in place */
     uint64_t init_fuel; /* instructions left for all initialiser functions, so that compiling ends */
     bool uses_rand, uses_pixel, uses_prints;
+    bool of_elements; /* of a derived array: the position is the number of an element */
     GeometryInfo *geometries; /* those that some query searches: the others need no structure */
     uint32_t ngeometries;
     Derived *derived; /* in order: each may read those before it */

@@ -10,6 +10,7 @@
 #include "compiler/ir/ir.h"
 #include "compiler/ir/rows.h"
 #include "saltus/kernel.h"
+#include "saltus/mesh.h"
 #include "saltus/status.h"
 
 enum { MAX_LANES = 64 };
@@ -410,18 +411,20 @@ static bool exec_query(Interp *in, const Inst *i, const Mask *m, void *dst) {
     return true;
 }
 
-static bool exec_told(Interp *in, const Inst *i, const Mask *m, void *dst, const int32_t *unit) {
+static bool exec_told(Interp *in, const Inst *i, void *dst, const int32_t *unit) {
     const SltKernelArgs *args = in->args;
     if (!args->geometries || !args->geometries[i->imm.query.geometry]) return fail(in, SLT_USAGE);
     const SltGeometry *g = args->geometries[i->imm.query.geometry];
-    _Alignas(64) unsigned char told[64 * sizeof(double)];
-    uint64_t on = 0;
-    for (uint32_t l = 0; l < in->lanes; l++) on |= (uint64_t)(m->on[l] != 0) << l;
-    if (!g->tell) return fail(in, SLT_USAGE);
-    g->tell(g, i->imm.query.what, unit, on, in->lanes, told);
-    for (uint32_t l = 0; l < in->lanes; l++)
-        if (i->type == TY_INT) ((int32_t *)dst)[l] = (int32_t)get_flt(in, told, l);
-        else set_flt(in, dst, l, get_flt(in, told, l));
+    if (!g->told) return fail(in, SLT_USAGE);
+    const char *row = g->told();
+    uint32_t last;
+    memcpy(&last, row - SLT_TOLD_LAST, sizeof last);
+    for (uint32_t l = 0; l < in->lanes; l++) {
+        const uint32_t of = (uint32_t)unit[l] < last ? (uint32_t)unit[l] : last;
+        const char *at = row + ((size_t)of * SLT_TOLD + i->imm.query.what) * in->flt;
+        if (i->type == TY_INT) memcpy((int32_t *)dst + l, at, sizeof(int32_t));
+        else set_flt(in, dst, l, get_flt(in, at, 0));
+    }
     return true;
 }
 
@@ -496,7 +499,7 @@ static bool exec_special(Interp *in, const Inst *i, const Mask *m) {
     case OP_items: exec_item(in, i, dst, a); return true;
     case OP_note: exec_note(in, i, a, in->slot[i->args[1]->id], m); return true;
     case OP_query: return exec_query(in, i, m, dst);
-    case OP_told: return exec_told(in, i, m, dst, a);
+    case OP_told: return exec_told(in, i, dst, a);
     case OP_ghost: memset(dst, 0, (size_t)in->lanes * in->flt); return true;
     case OP_window: { /* lanes form no pairs here: from each ray's own t, top and margin */
         for (uint32_t l = 0; l < in->lanes; l++)

@@ -59,8 +59,12 @@ typedef enum SiteKind {
 #define SLT_SITE(id, ...) SITE_##id = SLT_SITE_##id,
 #include "saltus/kernel.def"
 } SiteKind;
-/* Sites of a ray that meets a geometry, whose g looks along a window of the ray. */
-static inline bool ir_site_of_ray(SiteKind kind) { return kind == SITE_SILHOUETTE || kind == SITE_SHADOW; }
+/* Sites of a ray that meets a mesh, whose g is that of a line which `event` has found. */
+static inline bool ir_site_of_mesh(SiteKind kind) { return kind == SITE_MESH || kind == SITE_MESH_SHADOW; }
+/* Sites of a ray that meets a geometry: also those whose g looks along a window of the ray. */
+static inline bool ir_site_of_ray(SiteKind kind) {
+    return kind == SITE_SILHOUETTE || kind == SITE_SHADOW || ir_site_of_mesh(kind);
+}
 
 #define IR_IF_RARE 1         /* imm.i of an if_ whose condition hardly ever holds: always a real branch */
 #define IR_MAX_OPS (1u << 18)

@@ -183,6 +183,7 @@ static bool is_ray(QueryRay ray, uint32_t n) {
     switch (ray) {
     case RAY_BOX: return n == SLT_BOX_ROWS;
     case RAY_BEAM: return n == SLT_BEAM_ROWS + 1;
+    case RAY_PAIR: return n == SLT_PAIR_ROWS;
     case RAY_NOTHING: return n == 0;
     case RAY_SEGMENT:
     case RAY_SLICE: break;

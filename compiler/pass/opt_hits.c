@@ -1,10 +1,26 @@
-/* Where only the hit of a ray counts, not the point, any blocked point will do: a query becomes its weaker one
- * (queries.def, WEAKER_FOUND). Both agree on whether there is a hit, to the bit. And what only boxes of rays are asked
- * with goes: the kernels' own rays are points. */
+/* Queries become their weaker ones (queries.def). Where only the hit of a ray counts, not the point, any blocked point
+ * will do (WEAKER_FOUND): both agree on whether there is a hit, to the bit. Where nobody reads the sides of pieces,
+ * they are not told (WEAKER_SIDES). And what only boxes of rays are asked with goes: the kernels' own rays are points.
+ */
 #include "compiler/pass/walk.h"
+#include "saltus/mesh.h"
 
 static bool may_weaken(const Inst *i) {
     return i->op == OP_query && query_rows[i->imm.query.what].when == WEAKER_FOUND;
+}
+
+static bool tells_sides(const Inst *i) {
+    return i->op == OP_query && query_rows[i->imm.query.what].when == WEAKER_SIDES;
+}
+
+/* How many sides a piece has is what all ask before they read one. */
+static bool reads_sides(const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_told && i->imm.query.what == SLT_PIECE_SIDES) return true;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (reads_sides(i->region[r])) return true;
+    }
+    return false;
 }
 
 static bool is_none(const Inst *i) { return i->op == OP_consti && i->imm.i == SLT_WITNESS_NONE; }
@@ -19,12 +35,13 @@ static void find_uses(const Block *b, bool *whole) {
     }
 }
 
-static bool replace(Block *b, const bool *whole) {
+static bool replace(Block *b, const bool *whole, bool sides) {
     bool changed = false;
     for (Inst *i = b->first; i; i = i->next) {
         if (i->op == OP_query && i->nargs == SLT_RAY_ROWS) i->nargs = SLT_RAY_POINT_ROWS, changed = true;
-        if (may_weaken(i) && !whole[i->id]) i->imm.query.what = query_rows[i->imm.query.what].weaker, changed = true;
-        for (uint32_t r = 0; r < i->nregions; r++) changed |= replace(i->region[r], whole);
+        if ((may_weaken(i) && !whole[i->id]) || (tells_sides(i) && !sides))
+            i->imm.query.what = query_rows[i->imm.query.what].weaker, changed = true;
+        for (uint32_t r = 0; r < i->nregions; r++) changed |= replace(i->region[r], whole, sides);
     }
     return changed;
 }
@@ -34,7 +51,7 @@ bool opt_hits(PassCtx *ctx, Fn *fn) {
     ArenaMark m = arena_mark(scratch);
     bool *whole = ARENA_ARRAY(scratch, bool, ir_number(fn) + 1);
     find_uses(fn->body, whole);
-    bool changed = replace(fn->body, whole);
+    bool changed = replace(fn->body, whole, reads_sides(fn->body));
     arena_reset(scratch, m);
     return changed;
 }

@@ -62,13 +62,27 @@ bool variant_is_uncaptured(const Inst *i);
 Inst *variant_window_of(Fn *fn, Inst *site); /* the OP_window; args: t (INFINITY: free), top, margin */
 void variant_windows_of_pairs(Fn *fn);       /* event: windows from the hits of the two lanes */
 void variant_windows_of_inputs(Fn *fn);      /* site: windows that event found */
-bool variant_has_windows(const Fn *fn);
-bool variant_has_depth(const Fn *fn); /* are there silhouettes? They need DEPTH, the signature of ray depths */
-Inst *variant_depth(Fn *fn);          /* the signature, threaded through a clone; sites stay */
+bool variant_has_windows(const Fn *fn);      /* or lines of meshes, which take their place */
+bool variant_has_depth(const Fn *fn);        /* are there silhouettes? They need DEPTH, the signature of ray depths */
+Inst *variant_depth(Fn *fn);                 /* the signature, threaded through a clone; sites stay */
 /* Do the rays of the two lanes both hit, at depths whose signatures differ by more than IN_THRESHOLD? */
 Inst *variant_depths_apart(Builder *b, Inst *site, Inst *window);
 /* And if so, is there a ridge between the two hits? */
 Inst *variant_ridge_between(Builder *b, Inst *window);
+
+/* variant_mesh.c: sites of rays that meet meshes. */
+/* The queries for the two numbers of its line, behind its g. */
+typedef struct MeshLine {
+    Inst *number[2];
+} MeshLine;
+MeshLine variant_mesh_line(Fn *fn, Inst *site);
+/* event: of each number, which both lanes of a pair ask where they differ and `unless` does not hold: the answers. */
+MeshLine variant_mesh_ask(Fn *fn, Inst *query, SiteKind kind, Inst *unless);
+void variant_mesh_inputs(Fn *fn); /* site: lines that event found */
+Inst *variant_mesh_input(Builder *b, const Inst *query);
+bool variant_has_faces(const Fn *fn); /* are there silhouettes of meshes? They need FACE */
+Inst *variant_faces(Fn *fn);          /* threaded through a clone; sites stay */
+bool variant_asks_line(const Inst *i);
 
 enum { VARIANT_FOUND = 8 };
 /* The first searches for hits that stand in no loop, in program order: the same ones in every clone of a primal.

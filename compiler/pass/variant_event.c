@@ -3,9 +3,10 @@
  * The ends run in lockstep as neighbouring lanes. At every site that both execute, the lanes compare their decisions;
  * the first that differs is the event: before it both ran the same code, so its g is one continuous function on the
  * segment and changes sign. After the event nothing matters, and loops end. Output, per lane: site (-1: none), the
- * lane's own g, its loop indices, the boundary of an integer-valued site and the two ends of a ray's window. With
- * paper_argmin instead the executed event with the smallest |g| of the lane's own end, as in the paper: wrong up to 83
- * % of the time where scales differ. */
+ * lane's own g, its loop indices, the boundary of an integer-valued site and the two ends of a ray's window, or the
+ * line of a mesh. Where the rays of a pair hit different faces of a mesh and nobody knows whether a line parts them,
+ * the site is -2, and nothing behind is asked. With paper_argmin instead the executed event with the smallest |g| of
+ * the lane's own end, as in the paper: wrong up to 83 % of the time where scales differ. */
 #include <string.h>
 
 #include "compiler/pass/variant.h"
@@ -15,17 +16,25 @@ enum { V_FOUND, V_SITE, V_G, V_BOUNDARY, V_WINDOW, V_K = V_WINDOW + 2 };
 typedef struct Event {
     uint32_t depth;
     bool argmin;
+    MeshLine *line, *told; /* by site: the queries of meshes, and what takes their place */
 } Event;
 
 /* The window of a ray's site, or NULL. */
 static Inst *window_of(Fn *fn, Inst *i) {
-    return ir_site_of_ray(variant_site_info(fn, i)->kind) ? variant_window_of(fn, i) : NULL;
+    SiteKind kind = variant_site_info(fn, i)->kind;
+    return ir_site_of_ray(kind) && !ir_site_of_mesh(kind) ? variant_window_of(fn, i) : NULL;
 }
+
+static bool is_mesh(const Fn *fn, const Inst *i) { return ir_site_of_mesh(variant_site_info(fn, i)->kind); }
 
 /* g of the lane's own end at site i, and what its function needs besides x, the same in both lanes: the boundary of the
  * lower integer, or the window. */
-static Inst *own_g(Builder *b, Fn *fn, Inst *i, Inst **boundary, Inst *window[2]) {
+static Inst *own_g(Builder *b, Fn *fn, const Event *e, Inst *i, Inst **boundary, Inst *window[2]) {
     *boundary = window[0] = window[1] = ir_constf(b, 0);
+    if (is_mesh(fn, i)) {
+        for (int k = 0; k < 2; k++) window[k] = ir_emit1(b, OP_i2f, e->told[i->imm.i].number[k]);
+        return i->args[1];
+    }
     Inst *w = window_of(fn, i);
     for (int end = 0; w && end < 2; end++)
         window[end] = ir_special(b, OP_window, TY_FLT, 3, w->args, (Imm){.i = 2 * i->imm.i + end});
@@ -45,9 +54,33 @@ static void climb_to_partner(Thread *t, Inst *i) {
     ir_replace_arg(i, SLT_RAY_T1, ir_emit2(&b, OP_fmin, i->args[SLT_RAY_T1], other));
 }
 
+static void find_lines(Event *e, Fn *fn, const Block *body) {
+    for (Inst *i = body->first; i; i = i->next) {
+        for (uint32_t r = 0; r < i->nregions; r++) find_lines(e, fn, i->region[r]);
+        if (variant_is_site(i) && is_mesh(fn, i)) e->line[i->imm.i] = variant_mesh_line(fn, i);
+    }
+}
+
+/* A number of a line becomes what the pair is told. */
+static bool ask_line(Thread *t, Inst *i) {
+    Event *e = t->user;
+    MeshLine told = {0};
+    uint32_t which = 0;
+    for (uint32_t s = 0; s < t->fn->nsites; s++) { /* equal rays are asked once */
+        if (e->line[s].number[0] != i && e->line[s].number[1] != i) continue;
+        which = e->line[s].number[1] == i;
+        if (!e->told[s].number[0])
+            e->told[s] = told.number[0] ? told : variant_mesh_ask(t->fn, i, t->fn->sites[s].kind, t->value[V_FOUND]);
+        told = e->told[s];
+    }
+    if (told.number[0]) walk_forward(t->fn, i, told.number[which]);
+    return told.number[0];
+}
+
 /* Once the pair's event is found, the pair's rays are empty: t0 behind t1. */
 static bool stop_search(Thread *t, Inst *i) {
     const Event *e = t->user;
+    if (variant_asks_line(i)) return ask_line(t, i);
     if (e->argmin) return false;
     if (query_rows[i->imm.query.what].role == ROLE_TOP) climb_to_partner(t, i);
     if (ir_is_const(t->value[V_FOUND])) return false;
@@ -67,10 +100,13 @@ static bool event_at(Thread *t, Inst *i) {
     if (i->op == OP_query) return stop_search(t, i);
     Builder b = ir_after(t->fn, i);
     b.fold = true;
-    Inst *hit, *certain = NULL;
+    Inst *hit, *certain = NULL, *line = is_mesh(t->fn, i) ? e->told[i->imm.i].number[0] : NULL;
     if (e->argmin) {
-        Inst *boundary, *window[2], *g = own_g(&b, t->fn, i, &boundary, window);
+        Inst *boundary, *window[2], *g = own_g(&b, t->fn, e, i, &boundary, window);
         hit = ir_emit2(&b, OP_flt, ir_emit1(&b, OP_fabs, g), ir_emit1(&b, OP_fabs, t->value[V_G]));
+        if (line) hit = ir_emit2(&b, OP_band, hit, ir_emit2(&b, OP_ile, ir_consti(&b, 0), line));
+    } else if (line) { /* asked of pairs that differ and have no event yet */
+        hit = ir_emit2(&b, OP_ine, line, ir_consti(&b, SLT_WITNESS_NONE));
     } else {
         Inst *other = ir_special(&b, OP_partner, (IrType)i->type, 1, &i, (Imm){0});
         Inst *differ = ir_emit2(&b, i->op == OP_site ? OP_bxor : OP_fne, i, other);
@@ -90,7 +126,10 @@ static bool event_at(Thread *t, Inst *i) {
     in.fold = true;
     yes[V_FOUND] = ir_constb(&in, true);
     yes[V_SITE] = ir_consti(&in, (int32_t)i->imm.i);
-    yes[V_G] = own_g(&in, t->fn, i, &yes[V_BOUNDARY], &yes[V_WINDOW]);
+    if (line)
+        yes[V_SITE] = ir_select(&in, ir_emit2(&in, OP_ile, ir_consti(&in, 0), line), yes[V_SITE],
+                                ir_consti(&in, SLT_EVENT_UNKNOWN));
+    yes[V_G] = own_g(&in, t->fn, e, i, &yes[V_BOUNDARY], &yes[V_WINDOW]);
     for (uint32_t d = 0; d < e->depth; d++) yes[V_K + d] = d + 2 < i->nargs ? i->args[d + 2] : ir_consti(&in, 0);
     if (certain) {
         Inst *sure = ir_emit2(&in, OP_bor, certain, variant_ridge_between(&in, variant_window_of(t->fn, i)));
@@ -112,7 +151,11 @@ Fn *variant_event(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     Fn *fn = variant_clone(ctx, primal, "event", true);
     opt_dce(ctx, fn);
     if (!o->paper_argmin) variant_use_witnesses(fn);
-    Event e = {variant_site_depth(fn->body), o->paper_argmin};
+    Event e = {.depth = variant_site_depth(fn->body),
+               .argmin = o->paper_argmin,
+               .line = ARENA_ARRAY(fn->arena, MeshLine, fn->nsites + 1),
+               .told = ARENA_ARRAY(fn->arena, MeshLine, fn->nsites + 1)};
+    find_lines(&e, fn, fn->body);
     Builder b = fn->body->first ? ir_before(fn, fn->body->first) : ir_at_end(fn, fn->body);
     Thread t = {
         .fn = fn, .n = V_K + e.depth, .at = event_at, .touches = touches_event, .cont = stop_when_found, .user = &e};

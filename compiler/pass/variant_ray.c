@@ -27,16 +27,8 @@ static Inst *find_window(Inst *v, int64_t site, uint32_t stamp) {
     return NULL;
 }
 
-static void clear_tags(Block *b) {
-    for (Inst *i = b->first; i; i = i->next) {
-        i->tag = 0;
-        for (uint32_t r = 0; r < i->nregions; r++) clear_tags(i->region[r]);
-    }
-    for (uint32_t p = 0; p < b->nparams; p++) b->params[p]->tag = 0;
-}
-
 Inst *variant_window_of(Fn *fn, Inst *site) {
-    clear_tags(fn->body);
+    walk_clear_tags(fn->body);
     Inst *w = find_window(site->args[1], site->imm.i, 1);
     if (!w) ice(fn->session, "a ray's site without a window");
     return w;
@@ -120,7 +112,7 @@ void variant_windows_of_inputs(Fn *fn) {
     walk_resolve_forwards(fn->body);
 }
 
-bool variant_has_windows(const Fn *fn) { return variant_has_site(fn, SITE_SILHOUETTE, SITE_SHADOW); }
+bool variant_has_windows(const Fn *fn) { return variant_has_site(fn, SITE_SILHOUETTE, SITE_MESH_SHADOW); }
 
 bool variant_has_depth(const Fn *fn) { return variant_has_site(fn, SITE_SILHOUETTE, SITE_SILHOUETTE); }
 

@@ -34,6 +34,7 @@ Fn *variant_sides(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     for (uint32_t c = 0; c < channels; c++) variant_output(&out, SLT_OUT_F, c, fn->body->last->args[c]);
     variant_output(&out, SLT_OUT_HASH, 0, hash);
     if (variant_has_depth(fn)) variant_output(&out, SLT_OUT_DEPTH, 0, variant_depth(fn));
+    if (variant_has_faces(fn)) variant_output(&out, SLT_OUT_FACE, 0, variant_faces(fn));
     variant_witnesses(fn, nsearch, search, &out);
     variant_set_outputs(fn, &out);
     variant_drop_sites(fn);

@@ -105,6 +105,7 @@ static Inst *slice(Slicer *s, Builder *b, Inst *v) {
         return NULL;
     }
     if (v->op == OP_window) return remember(s, v, ir_input(b, v->imm.i & 1 ? IN_WINDOW1 : IN_WINDOW0));
+    if (variant_asks_line(v)) return remember(s, v, variant_mesh_input(b, v));
     s->nesting++;
     Inst *copy = NULL;
     if (v->op == OP_proj) {
@@ -209,6 +210,7 @@ static Inst *emit_capture(PassCtx *ctx, Builder *into, const Fn *primal, const u
     variant_output(&g, SLT_OUT_G, 0, t.value[0]);
     variant_set_outputs(copy, &g);
     variant_windows_of_inputs(copy);
+    variant_mesh_inputs(copy);
     variant_drop_sites(copy);
     opt_dce(ctx, copy);
     uint32_t n = ir_number(copy);

@@ -103,7 +103,9 @@ Inst *variant_boundary(Builder *b, SiteKind kind, Inst *n) {
     case SITE_COMPARE:
     case SITE_WAVE:
     case SITE_SILHOUETTE:
-    case SITE_SHADOW: break;
+    case SITE_SHADOW:
+    case SITE_MESH:
+    case SITE_MESH_SHADOW: break;
     }
     return ir_constf(b, 0);
 }

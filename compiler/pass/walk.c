@@ -58,6 +58,14 @@ void walk_forward(Fn *fn, Inst *i, Inst *to) {
     i->args[0] = to;
 }
 
+void walk_clear_tags(Block *b) {
+    for (Inst *i = b->first; i; i = i->next) {
+        i->tag = 0;
+        for (uint32_t r = 0; r < i->nregions; r++) walk_clear_tags(i->region[r]);
+    }
+    for (uint32_t p = 0; p < b->nparams; p++) b->params[p]->tag = 0;
+}
+
 void walk_resolve_forwards(Block *b) {
     for (Inst *i = b->first; i; i = i->next) {
         for (uint32_t a = 0; a < i->nargs; a++)

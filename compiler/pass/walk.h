@@ -16,6 +16,9 @@ bool walk_can_leave_out(const Fn *fn, const Inst *loop);
 /* Is block `inner` equal to `outer` or somewhere inside one of its regions? */
 bool walk_inside(const Block *inner, const Block *outer);
 
+/* Inst.tag of all instructions and parameters below becomes 0. */
+void walk_clear_tags(Block *b);
+
 /* Is it made, in so many operations, of what a loop carries, or its number? */
 bool walk_is_indexed(const Inst *v, uint32_t depth);
 

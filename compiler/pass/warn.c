@@ -362,10 +362,11 @@ static void report_untracked(Warn *w) {
         if (t->g1) depend_merge(&d, &w->dep[t->g1->id]);
         if (t->kind == JUMP_ALWAYS) depend_merge(&d, &w->dep[t->at->id]);
         if (t->kind == JUMP_EQUALITY && !(d.on & DEPENDS_PIECES)) continue; /* the equality holds on a curve at most */
-        if (!(d.on & DEPENDS_PARAM) || !(d.on & (DEPENDS_X | DEPENDS_RAND)) || both_sides_equal(w, t, &uses[i]))
+        if (!(d.on & DEPENDS_PARAM) || !(program->of_elements || d.on & (DEPENDS_X | DEPENDS_RAND)) ||
+            both_sides_equal(w, t, &uses[i]))
             continue;
         /* What changes by jumps alone changes where they do: those are asked themselves, or tagged. */
-        if (!(d.on & (DEPENDS_SLOPE | DEPENDS_RAND)) && ((d.on & DEPENDS_JUMPS) || !(d.on & DEPENDS_VALUE))) continue;
+        if (!program->of_elements && !(d.on & (DEPENDS_SLOPE | DEPENDS_RAND)) && ((d.on & DEPENDS_JUMPS) || !(d.on & DEPENDS_VALUE))) continue;
         if (!(d.on & DEPENDS_X)) {
             diag_emit(w->ctx->session, DIAG_static_disc, t->span, param_list(w, &d));
             continue;

@@ -27,20 +27,23 @@ enum { SLT_MESH_FACE = 3, SLT_MESH_PART = 1, SLT_MESH_UV = 12 }; /* integers a t
  * [0, 1]. Behind them the answer of SLT_QUERY_BEGIN, which only says that it was asked before. */
 enum { SLT_BEAM_EYE = 0, SLT_BEAM_CORNER = 3, SLT_BEAM_U = 6, SLT_BEAM_V = 9, SLT_BEAM_ROWS = 12 };
 
-/* What is told of a piece, by its unit; its sides that move are the units behind it. */
+/* What is told of a piece, by its unit, a row of SLT_TOLD numbers of the mesh's precision; where it is an integer, the
+ * first four bytes. Its sides that move are the units behind it. Unit 0 is no piece: all is 0. The number of the last
+ * unit lies, 32 bits, SLT_TOLD_LAST bytes before unit 0; beyond it kernels read the last. */
+enum { SLT_TOLD = 8, SLT_TOLD_LAST = 64 };
 enum {
     SLT_PIECE_AREA, /* of the window as 1 */
     SLT_PIECE_S,    /* its centroid */
     SLT_PIECE_T,
-    SLT_PIECE_NEXT, /* the next unit, or SLT_WITNESS_NONE */
+    SLT_PIECE_NEXT, /* integers: the next unit, or 0 */
     SLT_PIECE_TRIANGLE,
     SLT_PIECE_SIDES /* how many */
 };
-enum { SLT_PIECE_MAX_SIDES = 16 };
-/* Of a side: it lies on the line g = 0, g > 0 on the piece where the weight is positive, of the edge between vertices
- * a < b, g = d . (A x B), or, b < 0, where triangles a and ~b cross, g the difference of 1 / t. */
+enum { SLT_PIECE_MAX_SIDES = 24 };
+/* Of a side: it lies on the line g = 0, g > 0 on the piece where the weight is positive, of the edge from vertex a to
+ * b, g = d . (A x B), or, b < 0, where triangles a and ~b cross, g = 1 / t of a less that of ~b. */
 enum {
-    SLT_SIDE_A,
+    SLT_SIDE_A, /* integers */
     SLT_SIDE_B,
     SLT_SIDE_WEIGHT, /* its length / |grad g|, in (s, t) */
     SLT_SIDE_S0,
@@ -48,5 +51,21 @@ enum {
     SLT_SIDE_S1,
     SLT_SIDE_T1
 };
+
+/* The rows of SLT_QUERY_BETWEEN: a ray, its partner, the face that either meets (below 0: none), what parts them and
+ * which of its two numbers is asked for.
+ *
+ * The numbers are those of a side, SLT_SIDE_A and SLT_SIDE_B; and of the triangle a that passes an end of the rays b is
+ * a (t = t0) or ~a (t = t1). Kernels hand them on as floats of their precision. */
+enum {
+    SLT_PAIR_OTHER = 8,
+    SLT_PAIR_FACE = 16,
+    SLT_PAIR_OTHER_FACE,
+    SLT_PAIR_EDGES, /* not 0: any edge of their faces does; else the two must see different surfaces */
+    SLT_PAIR_WHICH, /* 0 a, 1 b */
+    SLT_PAIR_ROWS
+};
+enum { SLT_BETWEEN_LOST = -4 };    /* for a: something may part them, and it was not found */
+enum { SLT_MESH_EXACT = 1 << 24 }; /* vertices and triangles that floats in single precision number */
 
 #endif

@@ -47,7 +47,10 @@ enum {
  * of what a ray blocked at t0 runs into
  * BLOCKED     of a box of rays: whether TRACE finds a point for all of them, for none, or that is not known
  * BEGIN       0, and what the thread was told of pieces is forgotten: before the first PIECES of a vector of samples
- * PIECES      what is seen through a window: the unit of the first piece (saltus/mesh.h), which SltTellFn reads */
+ * PIECES      what is seen through a window: the unit of the first piece (saltus/mesh.h) in SltToldFn, 0 for none
+ * SEEN        PIECES whose sides are not told
+ * BETWEEN     what parts two rays that meet different faces: one of the two numbers of a line (saltus/mesh.h), or NONE
+ */
 typedef enum SltQuery {
 #define QUERY(id, ...) SLT_QUERY_##id,
 #include "saltus/queries.def"
@@ -95,17 +98,15 @@ struct SltGeometry;
 typedef void SltQueryFn(const struct SltGeometry *geometry, const void *values, const void *rays, uint64_t mask,
                         uint32_t width, int32_t *witness);
 
-/* Number `which` of the units that a query of this thread has found, into told[width] of flt: 0 in lanes outside mask
- * and where there is no such unit. */
-typedef void SltTellFn(const struct SltGeometry *geometry, uint32_t which, const int32_t *unit, uint64_t mask,
-                       uint32_t width, void *told);
+/* What queries of this thread have found, from unit 0 on, which is nothing; stays until the next query. */
+typedef const void *SltToldFn(void);
 
 /* What a kernel sees of a geometry. A copy with another slack may be queried too, as long as the original lives. */
 typedef struct SltGeometry {
     SltQueryFn *query[SLT_QUERIES]; /* NULL: this geometry does not answer it */
     float slack;      /* values may exceed those that the structure was made from by this much, in their unit (finite
                          differences): searches widen their bounds by it, and answers stay exact */
-    SltTellFn *tell;  /* NULL: nothing is told */
+    SltToldFn *told;  /* NULL: nothing is told */
     const void *made; /* the whole geometry (runtime/geometry/geometry.h); of a copy, the original */
 } SltGeometry;
 

@@ -33,6 +33,8 @@ SltGeometry geometry_moved(const SltGeometry *g, const void *from, const void *t
     return moved;
 }
 
+bool geometry_lost(const SltGeometry *g) { return ops(g)->lost && ops(g)->lost(g); }
+
 size_t geometry_bytes(const SltGeometry *g) { return ops(g)->bytes(g); }
 
 const char *geometry_describe(const SltGeometry *g) { return ops(g)->describe(g); }

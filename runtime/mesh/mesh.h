@@ -48,4 +48,18 @@ bool mesh_weld(Mesh *m, uint32_t *vertex_part);
  * none the mean of its faces' (by area). Of a vertex without either (0, 0, 0). */
 void mesh_vertex_normals(const Mesh *m, double *out);
 
+/* ---- inspect.c: counts of a welded mesh, which tell whether light leaks and where no derivative exists. */
+typedef struct MeshCounts {
+    uint32_t vertices, triangles, parts, edges;
+    uint32_t open_edges;        /* of one face */
+    uint32_t nonmanifold_edges; /* of more than two */
+    uint32_t duplicates;        /* faces that lie where an earlier one does, corner on corner */
+    uint32_t degenerate;        /* faces without an area */
+    uint32_t on_edges;          /* vertices that lie on an edge between two others: T-junctions */
+    uint32_t lone;              /* vertices of no face */
+} MeshCounts;
+/* face[nfaces][3], part[nfaces]. False when out of memory. */
+bool mesh_inspect(const double *position, uint32_t nvertices, const int32_t *face, const int32_t *part, uint32_t nfaces,
+                  MeshCounts *out);
+
 #endif

@@ -445,8 +445,8 @@ bool cells_grow(Cells *c, void *array, uint32_t *cap, uint32_t need, size_t size
 
 /* Is the site about a ray? Of these bounds know whether they are open, and no curve. */
 static inline bool cells_is_ray(const SltScene *s, int32_t site) {
-    return (uint32_t)site < s->nsites &&
-           (s->site_kind[site] == SLT_SITE_SHADOW || s->site_kind[site] == SLT_SITE_SILHOUETTE);
+    return (uint32_t)site < s->nsites && s->site_kind[site] >= SLT_SITE_SILHOUETTE &&
+           s->site_kind[site] <= SLT_SITE_MESH_SHADOW;
 }
 
 /* Is what the edge kernels know of the site levels of a wave, and not its g? */

@@ -99,10 +99,12 @@ static void scan(SweepWorker *v, const Net *t, uint32_t axis, uint64_t first, do
             own = depth_threshold(w->hash + first, w->depth + first, stride, e, t->side[axis], threshold);
             differ |= depth_differs(w->depth[a], w->depth[b], own);
         }
+        bool faces = !differ && worker_faces_differ(w, a, b);
+        differ |= faces;
         v->differ += differ;
         if (!differ && !w->finder.proves) continue;
         uint32_t pair = e & ~1u;
-        bool seen = w->finder.proves || pair + 2 >= t->side[axis] ||
+        bool seen = w->finder.proves || faces || pair + 2 >= t->side[axis] ||
                     w->hash[first + pair * stride] != w->hash[first + (pair + 2) * stride];
         seg->cls = set | (seen ? 0 : missed), v->unseen += differ && !seen;
         seg->a[axis] = t->pos[axis][e], seg->b[axis] = t->pos[axis][e + 1];

@@ -144,7 +144,7 @@ bool quadrature_marches(const SltScene *s, const SltJob *j) {
  * but for shadows alone march.c says more still. */
 static bool asks_rays(const SltScene *s) {
     for (uint32_t i = 0; i < s->nsites; i++)
-        if (s->site_kind[i] == SLT_SITE_SILHOUETTE || s->site_kind[i] == SLT_SITE_SHADOW) return true;
+        if (s->site_kind[i] >= SLT_SITE_SILHOUETTE && s->site_kind[i] <= SLT_SITE_MESH_SHADOW) return true;
     return false;
 }
 

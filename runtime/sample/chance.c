@@ -47,7 +47,8 @@ static bool serves(const Run *r) {
     bool decides = s->layout[SLT_K_REGION].reads & ((uint64_t)1 << SLT_IN_STREAM | (uint64_t)1 << SLT_IN_RAND0);
     if (!s->uses_rand || !decides || !s->nsites || s->detached || s->ngeometries || !s->kernel[SLT_K_SIDES])
         return false;
-    if (scene_outputs(s, SLT_K_REGION, SLT_OUT_DEPTH)) return false; /* regions do not tell all there is */
+    if (scene_outputs(s, SLT_K_REGION, SLT_OUT_DEPTH) || scene_outputs(s, SLT_K_REGION, SLT_OUT_FACE))
+        return false; /* regions do not tell all there is */
     for (uint32_t i = 0; i < s->nsites && s->site_static; i++)
         if (s->site_static[i]) return false;
     return !s->site_kind || !memchr(s->site_kind, SLT_SITE_SILHOUETTE, s->nsites);

@@ -13,6 +13,7 @@
 #include "runtime/sample/depth.h"
 #include "runtime/sample/interior.h"
 #include "runtime/sample/onesided.h"
+#include "runtime/sample/search.h"
 
 const char *const slt_drop_names[SLT_DROP_REASONS] = {"zero_gradient", "not_finite", "inconsistent", "no_event",
                                                       "no_root",       "static",     "depth",        "coincident"};
@@ -687,8 +688,7 @@ SltStatus slt_estimate_crossing(const SltScene *s, const double a[3], const doub
             spread_clear(&none);
             threshold = spread_threshold(&none);
         }
-        if (ma.hash != mb.hash || depth_differs(ma.depth, mb.depth, threshold))
-            finder_add(&w->finder, &seg, ma, mb, threshold);
+        if (search_differ(ma, mb, threshold)) finder_add(&w->finder, &seg, ma, mb, threshold);
         finder_run(&w->finder, true);
         for (int d = 0; d < SLT_DROP_REASONS && !w->sink.nkept; d++)
             if (w->finder.dropped[d]) out->drop = d;

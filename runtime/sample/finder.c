@@ -95,7 +95,7 @@ void finder_add(Finder *f, Segment *s, Mark a, Mark b, double threshold) {
         prove_add(f, s, 0, 1, a, b);
         return;
     }
-    s->state = a.hash == b.hash ? SEARCH_HALVE : SEARCH_ROOT;
+    s->state = a.hash == b.hash && depth_differs(a.depth, b.depth, threshold) ? SEARCH_HALVE : SEARCH_ROOT;
     finder_push(f, s);
 }
 
@@ -142,6 +142,7 @@ void finder_drop_part(Finder *f, SltDrop reason, const Segment *s, int32_t site)
 Mark batch_mark(const Batch *b, uint32_t i) {
     Mark m = {.hash = (uint32_t)batch_get_int(b, SLT_OUT_HASH, 0, i)};
     if (batch_has(b, SLT_OUT_DEPTH)) m.depth = batch_get(b, SLT_OUT_DEPTH, 0, i);
+    if (batch_has(b, SLT_OUT_FACE)) m.face = (uint32_t)batch_get_int(b, SLT_OUT_FACE, 0, i);
     for (uint32_t k = 0; k < b->layout->out[SLT_OUT_WITNESS].count; k++)
         m.witness[k] = batch_get_int(b, SLT_OUT_WITNESS, k, i);
     return m;
@@ -208,7 +209,7 @@ static void split(Finder *f, const Segment *s, double tol, SltDrop reason, int32
         }
         /* A jump that stands still adds nothing. */
         bool stands = reason == SLT_DROP_NO_EVENT && f->s->still && !search_has_windows(f->s);
-        if (reason == SLT_DROP_NO_EVENT && search_has_depth(f->s) && s->ma.hash == s->mb.hash)
+        if (reason == SLT_DROP_NO_EVENT && search_has_windows(f->s) && s->ma.hash == s->mb.hash)
             assert(f->nstill < FIND), f->still[f->nstill++] = *s;
         else if (!stands) finder_drop_part(f, reason, s, site);
         return;
@@ -361,7 +362,8 @@ static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
         Item it = items[i];
         it.ga = batch_get(b, SLT_OUT_G, 0, 2 * i), it.gb = batch_get(b, SLT_OUT_G, 0, 2 * i + 1);
         it.event = event_of(b, 2 * i);
-        if (it.event.site < 0 && it.s.ma.hash == it.s.mb.hash) it.s.state = SEARCH_DOUBT;
+        if (it.event.site == -1 && search_differ_in_face(it.s.ma, it.s.mb, it.s.threshold)) continue;
+        if (it.event.site == -1 && it.s.ma.hash == it.s.mb.hash) it.s.state = SEARCH_DOUBT;
         if (it.event.site < 0 || (uint32_t)it.event.site >= f->s->nsites) {
             split(f, &it.s, it.tol, SLT_DROP_NO_EVENT, -1);
         } else if (f->s->site_static && f->s->site_static[it.event.site]) {

@@ -10,6 +10,7 @@ enum { FIND = BATCH / 2 }; /* segments of a batch: two samples each */
 /* What is known of a point. */
 typedef struct Mark {
     uint32_t hash;                  /* of its region */
+    uint32_t face;                  /* of the faces of meshes that its rays hit; 0 where the scene has none */
     double depth;                   /* see depth.h; 0 where the scene has none */
     int32_t witness[SLT_WITNESSES]; /* what its first rays met; 0: not known */
 } Mark;

@@ -156,7 +156,8 @@ static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uin
             if (ha != hb || depth_differs(da, db, threshold))
                 own = depth_threshold(hash, depth, stride, v, sp->vn[axis], threshold);
         }
-        bool alike = ha == hb && !depth_differs(da, db, own);
+        bool alike = ha == hb && !depth_differs(da, db, own) &&
+                     !worker_faces_differ(w, first + v * stride, first + (v + 1) * stride);
         if (alike && (!w->finder.proves || w->settled[first + v * stride] >> axis & 1)) continue;
         s->a[axis] = pos[v], s->b[axis] = pos[v + 1];
         s->thin = w->sink.misses && !alike && !w->finder.proves ? thin_edge(w, &line, v, axis) : 0;

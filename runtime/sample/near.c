@@ -72,6 +72,7 @@ void near_probe(Worker *w, const Line *l, const Segment *like) {
         uint64_t v = l->first + e * l->stride, v1 = v + l->stride;
         uint32_t key = w->near_key[v];
         if (w->near_key[v1] != key || w->hash[v] != w->hash[v1] || w->near_event[v] < 0) continue;
+        if (worker_faces_differ(w, v, v1)) continue;
         if (w->depth && depth_differs(w->depth[v], w->depth[v1], l->threshold)) continue;
         bool before = e > 0, after = e + 2 < l->n;
         if ((!before && !l->at_start) || (!after && !l->at_end) || (!before && !after)) continue;

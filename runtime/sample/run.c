@@ -81,8 +81,9 @@ void run_free_workers(Run *r) {
         Worker *w = &r->worker[i];
         batch_free(&w->batch), accum_free(&w->acc), finder_free(&w->finder), sink_free(&w->sink),
             cull_lists_free(&w->cull, &r->cull), prune_free(&w->pruner);
-        free(w->hash), free(w->settled), free(w->depth), free(w->witness), free(w->near_g), free(w->near_key),
-            free(w->near_event), free(w->value), free(w->probes), follow_free(w->follow), tails_free_tile(&w->tail);
+        free(w->hash), free(w->face), free(w->settled), free(w->depth), free(w->witness), free(w->near_g),
+            free(w->near_key), free(w->near_event), free(w->value), free(w->probes), follow_free(w->follow),
+            tails_free_tile(&w->tail);
     }
     free(r->worker);
     r->worker = NULL, r->nworkers = 0;
@@ -133,14 +134,15 @@ void run_forget_few(Run *r) {
 
 bool worker_vertices(Worker *w, uint64_t n) {
     if (n <= w->vertex_cap) return true;
-    free(w->hash), free(w->settled), free(w->depth), free(w->witness), free(w->near_g), free(w->near_key),
-        free(w->near_event);
-    w->depth = NULL, w->witness = NULL, w->near_g = NULL, w->near_key = NULL, w->near_event = NULL;
+    free(w->hash), free(w->face), free(w->settled), free(w->depth), free(w->witness), free(w->near_g),
+        free(w->near_key), free(w->near_event);
+    w->face = NULL, w->depth = NULL, w->witness = NULL, w->near_g = NULL, w->near_key = NULL, w->near_event = NULL;
     w->vertex_cap = n;
     w->hash = malloc(n * sizeof *w->hash);
     w->settled = malloc(n);
     bool ok = w->hash && w->settled;
     if (scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_DEPTH)) ok &= (w->depth = malloc(n * sizeof *w->depth)) != NULL;
+    if (scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_FACE)) ok &= (w->face = malloc(n * sizeof *w->face)) != NULL;
     uint32_t nwitness = scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_WITNESS);
     if (nwitness) ok &= (w->witness = malloc(n * nwitness * sizeof *w->witness)) != NULL;
     if (scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_NEAR_SITE)) {
@@ -153,7 +155,7 @@ bool worker_vertices(Worker *w, uint64_t n) {
 }
 
 Mark worker_mark(const Worker *w, uint64_t v) {
-    Mark m = {.hash = w->hash[v], .depth = w->depth ? w->depth[v] : 0};
+    Mark m = {.hash = w->hash[v], .face = w->face ? w->face[v] : 0, .depth = w->depth ? w->depth[v] : 0};
     uint32_t n = scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_WITNESS);
     for (uint32_t k = 0; k < n; k++) m.witness[k] = w->witness[v * n + k];
     return m;
@@ -163,6 +165,7 @@ void vertices_call(Worker *w, uint32_t n, uint64_t at) {
     Batch *b = &w->batch;
     batch_call(b, SLT_K_REGION, n);
     memcpy(w->hash + at, batch_out(b, SLT_OUT_HASH, 0), n * sizeof *w->hash);
+    if (batch_has(b, SLT_OUT_FACE)) memcpy(w->face + at, batch_out(b, SLT_OUT_FACE, 0), n * sizeof *w->face);
     if (batch_has(b, SLT_OUT_DEPTH))
         for (uint32_t i = 0; i < n; i++) w->depth[at + i] = batch_get(b, SLT_OUT_DEPTH, 0, i);
     uint32_t nwitness = b->layout->out[SLT_OUT_WITNESS].count, loops = b->layout->out[SLT_OUT_NEAR_K].count;

@@ -20,6 +20,7 @@ struct Worker {
     Pruner pruner; /* its c is NULL: not made yet */
     /* By vertex of a tile or of lines; NULL where the region kernel does not give it. */
     uint32_t *hash;
+    uint32_t *face;
     double *depth;
     int32_t *witness;    /* [vertex][witnesses of region] */
     float *near_g;       /* |g| of the nearest event */
@@ -81,6 +82,10 @@ void run_collect(Run *r, Worker *w);
 bool worker_vertices(Worker *w, uint64_t n);
 bool worker_values(Worker *w, uint64_t n);
 Mark worker_mark(const Worker *w, uint64_t vertex);
+/* Do rays of the two hit different faces of meshes? */
+static inline bool worker_faces_differ(const Worker *w, uint64_t a, uint64_t b) {
+    return w->face && w->face[a] != w->face[b];
+}
 /* Evaluates region on n samples of the batch, which are the vertices from `at` on. */
 void vertices_call(Worker *w, uint32_t n, uint64_t at);
 

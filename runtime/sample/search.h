@@ -32,7 +32,11 @@ static inline bool search_has_depth(const SltScene *s) { return scene_outputs(s,
 static inline uint32_t search_most_halvings(const SltScene *s) { return search_has_windows(s) ? 120 : 60; }
 static inline double search_clamp(double v, double lo, double hi) { return v < lo ? lo : v > hi ? hi : v; }
 static inline bool search_differ(Mark a, Mark b, double threshold) {
-    return a.hash != b.hash || depth_differs(a.depth, b.depth, threshold);
+    return a.hash != b.hash || a.face != b.face || depth_differs(a.depth, b.depth, threshold);
+}
+/* Do they see different faces of a mesh, and nothing else tells them apart? Mostly these are of one surface. */
+static inline bool search_differ_in_face(Mark a, Mark b, double threshold) {
+    return a.face != b.face && a.hash == b.hash && !depth_differs(a.depth, b.depth, threshold);
 }
 
 /* ---- finder.c: the part of s from ta to tb, with marks a and b, goes back on the stack if a and b differ. cut: the t

@@ -9,7 +9,7 @@
 #include <string.h>
 
 #include "runtime/sample/boundary.h"
-#include "runtime/sample/depth.h"
+#include "runtime/sample/search.h"
 
 enum { CHUNK = 4096, NEIGHBOURS = 14, NEIGHBOURS_MOST = 64 };
 
@@ -83,8 +83,7 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
         }
         for (uint32_t l = 0; l < n; l++) {
             Mark ma = batch_mark(b, 2 * l), mb = batch_mark(b, 2 * l + 1);
-            if (ma.hash != mb.hash || depth_differs(ma.depth, mb.depth, threshold))
-                finder_add(&w->finder, &seg[l], ma, mb, threshold);
+            if (search_differ(ma, mb, threshold)) finder_add(&w->finder, &seg[l], ma, mb, threshold);
         }
         w->finder.segments += n;
         finder_run(&w->finder, false);

@@ -25,8 +25,8 @@
 #define FRESH_LEAST(scene) ((scene)->f64 ? 0x1p-36 : 0x1p-19)
 
 bool window_site(const SltScene *s, int32_t site) {
-    return search_has_windows(s) &&
-           (s->site_kind[site] == SLT_SITE_SILHOUETTE || s->site_kind[site] == SLT_SITE_SHADOW);
+    return search_has_windows(s) && s->site_kind[site] >= SLT_SITE_SILHOUETTE &&
+           s->site_kind[site] <= SLT_SITE_MESH_SHADOW;
 }
 
 /* Whether a ray is blocked and its clearance are different arithmetic, and both are rounded in units of the domain's

@@ -37,6 +37,20 @@ static inline void scene_face(Scene *s, int32_t a, int32_t b, int32_t c) {
     f[0] = a, f[1] = b, f[2] = c;
 }
 
+/* Triangles anywhere, of any size, which cross. */
+static inline void scene_soup(Scene *s, uint32_t n, double size, uint64_t *state) {
+    for (uint32_t i = 0; i < n; i++) {
+        double at[3];
+        int32_t v[3];
+        for (int a = 0; a < 3; a++) at[a] = 2 * scene_uniform(state) - 1;
+        for (int k = 0; k < 3; k++)
+            v[k] =
+                scene_vertex(s, at[0] + size * (scene_uniform(state) - 0.5),
+                             at[1] + size * (scene_uniform(state) - 0.5), at[2] + size * (scene_uniform(state) - 0.5));
+        scene_face(s, v[0], v[1], v[2]);
+    }
+}
+
 /* ---- the reference */
 
 typedef struct Part {

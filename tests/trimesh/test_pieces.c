@@ -6,6 +6,7 @@
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <sys/resource.h>
 
 #include <cmocka.h>
 
@@ -33,10 +34,15 @@ static SltGeometry *made(const Scene *s, bool f64) {
 }
 
 static double told(const SltGeometry *g, bool f64, int32_t unit, uint32_t which) {
-    double wide;
-    float narrow;
-    g->tell(g, which, &unit, 1, 1, f64 ? (void *)&wide : &narrow);
-    return f64 ? wide : (double)narrow;
+    const size_t at = (size_t)unit * SLT_TOLD + which;
+    return f64 ? ((const double *)g->told())[at] : (double)((const float *)g->told())[at];
+}
+
+static int32_t told_int(const SltGeometry *g, bool f64, int32_t unit, uint32_t which) {
+    int32_t v;
+    memcpy(&v, (const char *)g->told() + ((size_t)unit * SLT_TOLD + which) * (f64 ? sizeof(double) : sizeof(float)),
+           sizeof v);
+    return v;
 }
 
 static int32_t first_piece(const SltGeometry *g, const Scene *s, bool f64) {
@@ -51,8 +57,8 @@ static int32_t first_piece(const SltGeometry *g, const Scene *s, bool f64) {
 
 static void see_through(const SltGeometry *g, const Scene *s, bool f64, Seen *out) {
     memset(out, 0, sizeof *out);
-    for (int32_t unit = first_piece(g, s, f64); unit >= 0; unit = (int32_t)told(g, f64, unit, SLT_PIECE_NEXT)) {
-        const uint32_t face = (uint32_t)told(g, f64, unit, SLT_PIECE_TRIANGLE);
+    for (int32_t unit = first_piece(g, s, f64); unit; unit = told_int(g, f64, unit, SLT_PIECE_NEXT)) {
+        const uint32_t face = (uint32_t)told_int(g, f64, unit, SLT_PIECE_TRIANGLE);
         const double area = told(g, f64, unit, SLT_PIECE_AREA),
                      at[2] = {told(g, f64, unit, SLT_PIECE_S), told(g, f64, unit, SLT_PIECE_T)};
         assert_true(face < s->nfaces && area > 0);
@@ -87,20 +93,6 @@ static void add_background(Scene *s) {
     for (int z = -50; z <= 50; z += 100) {
         int32_t a = scene_vertex(s, -400, -300, z), b = scene_vertex(s, 500, -350, z), c = scene_vertex(s, 20, 600, z);
         scene_face(s, a, b, c);
-    }
-}
-
-/* Triangles anywhere, of any size, which cross. */
-static void add_soup(Scene *s, uint32_t n, double size, uint64_t *state) {
-    for (uint32_t i = 0; i < n; i++) {
-        double at[3];
-        int32_t v[3];
-        for (int a = 0; a < 3; a++) at[a] = 2 * scene_uniform(state) - 1;
-        for (int k = 0; k < 3; k++)
-            v[k] =
-                scene_vertex(s, at[0] + size * (scene_uniform(state) - 0.5),
-                             at[1] + size * (scene_uniform(state) - 0.5), at[2] + size * (scene_uniform(state) - 0.5));
-        scene_face(s, v[0], v[1], v[2]);
     }
 }
 
@@ -151,7 +143,7 @@ static void test_fills_the_window(void **state) {
     for (uint32_t round = 0; round < 60; round++) {
         static Scene s;
         s = (Scene){0};
-        add_soup(&s, 1 + 2 * round, round % 2 ? 2.5 : 0.5, &seed);
+        scene_soup(&s, 1 + 2 * round, round % 2 ? 2.5 : 0.5, &seed);
         add_background(&s);
         plain_window(&s);
         see(&s, true, &now);
@@ -167,7 +159,7 @@ static void test_reference(void **state) {
     for (uint32_t round = 0; round < 30; round++) {
         static Scene s;
         s = (Scene){0};
-        add_soup(&s, 1 + round, 1.7, &seed);
+        scene_soup(&s, 1 + round, 1.7, &seed);
         plain_window(&s);
         if (round % 5 == 1) s.beam[SLT_BEAM_EYE + 2] = 0; /* inside */
         if (round % 5 == 2)
@@ -184,7 +176,7 @@ static void test_any_order(void **state) {
     static Seen one, other;
     for (uint32_t round = 0; round < 40; round++) {
         s = (Scene){0};
-        add_soup(&s, 150, round % 2 ? 1.5 : 0.4, &seed);
+        scene_soup(&s, 150, round % 2 ? 1.5 : 0.4, &seed);
         add_background(&s);
         plain_window(&s);
         turned = s;
@@ -248,7 +240,7 @@ static void test_nothing(void **state) {
     static Scene s;
     static Seen now;
     uint64_t seed = 5;
-    add_soup(&s, 20, 1, &seed);
+    scene_soup(&s, 20, 1, &seed);
     plain_window(&s);
     const Scene whole = s;
     for (int broken = 0; broken < 6; broken++) {
@@ -270,9 +262,41 @@ static void test_nothing(void **state) {
     assert_true(now.pieces > 0 && now.face[0][0] == 0);
 }
 
+/* Queries do not fail; what there was no memory for is known afterwards. */
+static void test_no_memory(void **state) {
+    (void)state;
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+    static Scene s;
+    struct rlimit was, now;
+    bool lost = false;
+    uint64_t seed = 6;
+    scene_soup(&s, 100, 1, &seed);
+    plain_window(&s);
+    SltGeometry *g = made(&s, true);
+    (void)first_piece(g, &s, true);
+    assert_false(geometry_lost(g));
+    assert_int_equal(getrlimit(RLIMIT_AS, &was), 0);
+    now = was, now.rlim_cur = 1;
+    assert_int_equal(setrlimit(RLIMIT_AS, &now), 0);
+    for (uint32_t i = 0; i < 200000 && !lost; i++) {
+        int32_t unit;
+        g->query[SLT_QUERY_PIECES](g, s.at, s.beam, 1, 1, &unit); /* nothing is forgotten in between */
+        lost = geometry_lost(g);
+    }
+    assert_int_equal(setrlimit(RLIMIT_AS, &was), 0);
+    assert_true(lost);
+    static Seen after;
+    see_through(g, &s, true, &after);
+    assert_false(geometry_lost(g));
+    assert_true(after.pieces > 50);
+    geometry_free(g);
+#endif
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_fills_the_window), cmocka_unit_test(test_reference), cmocka_unit_test(test_any_order),
-        cmocka_unit_test(test_degenerate),       cmocka_unit_test(test_many),      cmocka_unit_test(test_nothing)};
+        cmocka_unit_test(test_degenerate),       cmocka_unit_test(test_many),      cmocka_unit_test(test_nothing),
+        cmocka_unit_test(test_no_memory)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

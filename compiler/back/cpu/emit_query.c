@@ -1,6 +1,8 @@
 /* Queries: rays to memory, a call through the geometry, witnesses back. */
 #include "compiler/back/cpu/emit.h"
 
+#include "saltus/mesh.h"
+
 static Part active_bits(Emit *e) {
     if (!e->mask) return emit_i64(e, e->W == 64 ? UINT64_MAX : (1ull << e->W) - 1);
     Part bits = emit_i64(e, 0);
@@ -17,40 +19,27 @@ static Part geometry_of(Emit *e, const Inst *i) {
     return emit_load(e, e->t_ptr, emit_at_byte(e, geometries, 8ull * i->imm.query.geometry), 8, true);
 }
 
-/* One vector of results in memory, as whole numbers where the instruction is one. */
-static void take_told(Emit *e, Inst *i, Part told, unsigned align) {
-    bool vector = emit_is_vector(e, i);
-    uint32_t flt = e->plan.flt_bytes;
-    LLVMTypeRef t = vector ? emit_vector_type(e, e->t_flt) : e->t_flt,
-                whole = vector ? emit_vector_type(e, e->t_i32) : e->t_i32;
-    Part *out = emit_slot(e, i);
-    for (uint32_t p = 0; p < (vector ? e->P : 1); p++) {
-        out[p] = emit_load(e, t, emit_at_byte(e, told, (uint64_t)flt * p * e->L), align, false);
-        if (i->type == TY_INT) out[p] = LL(BuildFPToSI)(e->b, out[p], whole, "");
-    }
-}
-
+/* A number of a unit in each lane. Where it does not count, the unit may be any number. */
 void emit_told(Emit *e, Inst *i) {
-    bool vector = emit_is_vector(e, i);
-    uint32_t width = vector ? e->W : 1, flt = e->plan.flt_bytes;
-    unsigned align = vector ? emit_part_align(e, flt) : flt, ialign = vector ? emit_part_align(e, 4) : 4;
-    Part units = emit_alloca(e, e->t_i8, 4ull * width, 64), told = emit_alloca(e, e->t_i8, (uint64_t)flt * width, 64);
-    Part v[BACK_MAX_PARTS];
-    if (vector) emit_parts(e, i->args[0], v);
-    else v[0] = emit_scalar(e, i->args[0]);
-    for (uint32_t p = 0; p < (vector ? e->P : 1); p++)
-        emit_store(e, v[p], emit_at_byte(e, units, 4ull * p * e->L), ialign);
+    const bool whole = i->type == TY_INT, vector = emit_is_vector(e, i);
+    const unsigned size = whole ? 4 : e->plan.flt_bytes;
+    LLVMTypeRef t = whole ? e->t_i32 : e->t_flt, type = LL(FunctionType)(e->t_ptr, NULL, 0, 0),
+                unit = LL(ArrayType2)(e->t_i8, (uint64_t)SLT_TOLD * e->plan.flt_bytes);
     Part geometry = geometry_of(e, i),
-         tell = emit_load(e, e->t_ptr, emit_at_byte(e, geometry, offsetof(SltGeometry, tell)), 8, true);
-    LLVMTypeRef types[6] = {e->t_ptr, e->t_i32, e->t_ptr, e->t_i64, e->t_i32, e->t_ptr};
-    Part args[6] = {geometry,
-                    emit_int(e, e->t_i32, i->imm.query.what),
-                    units,
-                    vector ? active_bits(e) : emit_i64(e, 1),
-                    emit_int(e, e->t_i32, width),
-                    told};
-    LL(BuildCall2)(e->b, LL(FunctionType)(e->t_void, types, 6, 0), tell, args, 6, "");
-    take_told(e, i, told, align);
+         told = emit_load(e, e->t_ptr, emit_at_byte(e, geometry, offsetof(SltGeometry, told)), 8, true),
+         row = LL(BuildCall2)(e->b, type, told, NULL, 0, ""),
+         last = emit_load(e, e->t_i32, emit_at_byte(e, row, (uint64_t)-SLT_TOLD_LAST), 4, false),
+         number = emit_at_byte(e, row, (uint64_t)i->imm.query.what * e->plan.flt_bytes), at[BACK_MAX_PARTS],
+         *out = emit_slot(e, i);
+    if (vector) emit_parts(e, i->args[0], at), last = emit_splat(e, last);
+    else at[0] = emit_scalar(e, i->args[0]);
+    for (uint32_t p = 0; p < (vector ? e->P : 1); p++) {
+        Part both[2] = {at[p], last};
+        Part pointer = emit_gep(e, unit, number,
+                                LL(BuildZExt)(e->b, emit_intrinsic(e, "llvm.umin", LL(TypeOf)(last), both, 2),
+                                              vector ? emit_vector_type(e, e->t_i64) : e->t_i64, ""));
+        out[p] = vector ? emit_gather(e, t, pointer, size) : emit_load(e, t, pointer, size, false);
+    }
 }
 
 void emit_query(Emit *e, Inst *i) {

@@ -170,7 +170,7 @@ static void write_out(Lower *outer, Derived *d) {
                   arena_printf(&l->s->session, "`%s` places vertices: it may not call `rand()`", mesh->place->name));
         gen_giveup(l);
     }
-    l->fn->dim = 1, l->fn->channels = 3;
+    l->fn->dim = 1, l->fn->channels = 3, l->records = true;
     if (placed) place_vertex(l, d, out);
     else mean_normal(l, d, gen_placed(outer, mesh), out);
     ir_yield(&l->b, 3, out);
@@ -183,7 +183,8 @@ static void write_out(Lower *outer, Derived *d) {
     const Program *p = outer->program;
     *of = (Program){.session = p->session, .entry = d->what, .dim = 1, .channels = 3, .params = p->params};
     of->nparams = p->nparams, of->nfloats = p->nfloats, of->nints = p->nints, of->ntopology = p->ntopology;
-    of->primal = l->fn, of->hi[0] = 1;
+    of->primal = l->fn, of->hi[0] = 1, of->of_elements = true;
+    of->untracked = l->untracked.data, of->nuntracked = l->untracked.len;
 }
 
 void gen_derived_finish(Lower *l) {

@@ -364,7 +364,8 @@ static Val trace(Lower *l, Expr *e, const Terrain *t, const Ray *r, const Val *o
     Val v = val_new(l, e->type);
     Inst *id = query(l, t, SLT_QUERY_TRACE, r), *hit = gen_found(l, id);
     Inst *at = evaluate(l, t, SLT_QUERY_TRACE, r, id).t;
-    if (site_wanted(l, hit, at, e->span)) hit = ray_site(l, t, r, gen_site_kind(SLT_QUERY_TRACE), hit, at, e->span);
+    if (site_wanted(l, hit, at, e->span, JUMP_BUILTIN))
+        hit = ray_site(l, t, r, gen_site_kind(SLT_QUERY_TRACE), hit, at, e->span);
     /* A miss is at tmax, and its p and normal are those of the origin: finite whatever tmax is. */
     Inst *to = sel(l, hit, at, kf(l, 0));
     v.c[0] = hit;
@@ -425,7 +426,8 @@ Val gen_heightfield(Lower *l, Expr *e, const Symbol *sym) {
     /* The g of a site needs the first point; kernels that do not ask for it get the cheaper OCCLUDED (opt_hits). */
     Inst *id = query(l, &t, SLT_QUERY_TRACE, &r), *hit = gen_found(l, id),
          *at = evaluate(l, &t, SLT_QUERY_TRACE, &r, id).t;
-    v.c[0] =
-        site_wanted(l, hit, at, e->span) ? ray_site(l, &t, &r, gen_site_kind(method->query), hit, at, e->span) : hit;
+    v.c[0] = site_wanted(l, hit, at, e->span, JUMP_BUILTIN)
+                 ? ray_site(l, &t, &r, gen_site_kind(method->query), hit, at, e->span)
+                 : hit;
     return v;
 }

@@ -187,6 +187,7 @@ typedef struct Lower {
     uint32_t depth;  /* regions around this place */
     bool in_tangent; /* in a function that [Tangent] names: no sites, no records */
     bool quiet;      /* not the shader itself (initialisers, bounds): no sites, no records */
+    bool records;    /* quiet, but for records */
     Layout *layout_cache[256];
     jmp_buf *giveup;
 } Lower;
@@ -305,9 +306,9 @@ Inst *dot_n(Lower *l, Inst *const *a, Inst *const *b, uint32_t n);
  * warning */
 Inst *site_compare(Lower *l, Inst *decision, Inst *a, Inst *b, Span span);
 Inst *site_integer(Lower *l, SiteKind kind, Inst *n, Inst *v, Span span);
-/* Is this place a site? Then the next site_ray makes it. Else it is recorded for the warning, with t as what the jump
- * depends on. */
-bool site_wanted(Lower *l, Inst *hit, Inst *t, Span span);
+/* Is this place a site? Then the next site_ray makes it. Else it is recorded for the warning as a jump of this kind,
+ * with t as what it depends on. */
+bool site_wanted(Lower *l, Inst *hit, Inst *t, Span span, JumpKind kind);
 Inst *site_ray(Lower *l, SiteKind kind, Inst *hit, Inst *g, Span span);
 void site_untracked(Lower *l, Inst *at, Inst *g0, Inst *g1, Span span, JumpKind kind);
 Inst *gen_skip_condition(Lower *l, Expr *cond, LoopCtx *root);

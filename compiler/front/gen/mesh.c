@@ -100,18 +100,18 @@ static First first_of(Lower *l, const Symbol *sym, const Ray *r, const Val *o, c
     return f;
 }
 
-static Val trace(Lower *l, Expr *e, const Symbol *sym, const Ray *r, const Val *o, const Val *d) {
+/* hit: whether, and whether as one who tells faces apart. */
+static Val trace(Lower *l, Expr *e, const Symbol *sym, const Ray *r, const Val *o, const Val *d, const First *f,
+                 Inst *hit, Inst *hit_face) {
     Val v = val_new(l, e->type);
-    First f = first_of(l, sym, r, o, d);
-    Inst *hit = f.hit, *tri = f.tri;
-    const Met m = f.met;
-    site_untracked(l, f.id, m.t, NULL, e->span, JUMP_ALWAYS);
+    Inst *tri = f->tri;
+    const Met m = f->met;
     v.c[0] = hit;
     v.c[1] = sel(l, hit, m.t, r->t1);
     /* A miss is at tmax, and its p is the origin: finite whatever tmax is. */
     Inst *to = sel(l, hit, m.t, kf(l, 0));
     for (int a = 0; a < 3; a++) v.c[2 + a] = add(l, o->c[a], mul(l, to, d->c[a]));
-    normal_of(l, &m, hit, v.c + 5);
+    normal_of(l, &m, hit_face, v.c + 5);
     for (uint32_t c = 0; c < 2; c++) {
         Inst *u = m.weight[1 + c];
         if (sym->has_uv) {
@@ -121,9 +121,9 @@ static Val trace(Lower *l, Expr *e, const Symbol *sym, const Ray *r, const Val *
                 u = u ? add(l, u, part) : part;
             }
         }
-        v.c[8 + c] = sel(l, hit, u, kf(l, 0));
+        v.c[8 + c] = sel(l, hit_face, u, kf(l, 0));
     }
-    v.c[10] = sel(l, hit, tri, ki(l, -1));
+    v.c[10] = sel(l, hit_face, tri, ki(l, -1));
     v.c[11] = sel(l, hit, of_triangle(l, sym, sym->nfaces * SLT_MESH_FACE, SLT_MESH_PART, 0, tri), ki(l, -1));
     return v;
 }
@@ -248,7 +248,7 @@ static void moving_sides(Lower *l, const Beam *b, Inst *unit, Inst *const centre
 static Val piece_of(Lower *l, Type *type, const Symbol *sym, Inst *unit, Inst *const *parts) {
     Val v = val_new(l, type);
     const Beam beam = beam_of(l, sym, parts), *b = &beam;
-    Inst *found = v.c[0] = op2(l, OP_ine, unit, ki(l, SLT_WITNESS_NONE));
+    Inst *found = v.c[0] = op2(l, OP_ine, unit, ki(l, 0));
     Inst *area = told(l, b, SLT_PIECE_AREA, unit, TY_FLT), *held[2], *sum[3];
     for (uint32_t a = 0; a < 2; a++) held[a] = told(l, b, SLT_PIECE_S + a, unit, TY_FLT);
     moving_sides(l, b, unit, held, sum);
@@ -295,9 +295,79 @@ static Val first(Lower *l, Expr *e, const Symbol *sym) {
 static Val next(Lower *l, Expr *e, const Symbol *sym) {
     Val q = gen_expr(l, e->args[0]);
     const Beam b = {.sym = sym, .geometry = gen_geometry_number(l, (Searched){.sym = sym})};
-    Inst *unit = q.c[PIECE_UNIT], *none = op2(l, OP_ilt, unit, ki(l, 0));
-    unit = sel(l, none, ki(l, SLT_WITNESS_NONE), told(l, &b, SLT_PIECE_NEXT, unit, TY_INT));
+    Inst *unit = told(l, &b, SLT_PIECE_NEXT, q.c[PIECE_UNIT], TY_INT);
     return piece_of(l, e->type, sym, unit, q.c + PIECE_BEAM);
+}
+
+/* ---- sites
+ *
+ * What parts two rays, an edge, a crossing or an end of theirs, is found by a query of the pair (compiler/pass/
+ * variant_mesh.c), which names it by two numbers as sides of pieces are named. g is arithmetic on the vertices behind
+ * them. A program that tells faces apart has a second site, whose events are all edges. */
+
+/* d . (n t - det): below 0 on one side of the plane; where the ray at t is in the triangle's plane, 0. */
+static Inst *end_in_plane(Lower *l, const Beam *b, Inst *tri, Inst *const d[3], Inst *t) {
+    Vec3 n;
+    Inst *det;
+    plane_from(l, b, tri, n, &det);
+    return sub(l, mul(l, t, dot_n(l, d, n, 3)), det);
+}
+
+/* Of two planes the difference of 1 / t, times both determinants: a polynomial. */
+static Inst *planes_cross(Lower *l, const Beam *b, Inst *one, Inst *two, Inst *const d[3]) {
+    Vec3 n[2];
+    Inst *det[2];
+    plane_from(l, b, one, n[0], &det[0]);
+    plane_from(l, b, two, n[1], &det[1]);
+    return sub(l, mul(l, dot_n(l, d, n[0], 3), det[1]), mul(l, dot_n(l, d, n[1], 3), det[0]));
+}
+
+static Inst *g_of_line(Lower *l, const Beam *b, const Ray *r, Inst *const d[3], Inst *one, Inst *two) {
+    Var *g = var_new(l, TY_FLT, 1);
+    IfCtx edge, crossing;
+    g->value = kf(l, 0);
+    if_begin(l, &edge, op2(l, OP_ilt, one, two));
+    Vec3 p, q, along, n;
+    vertex_from(l, b, one, p);
+    vertex_from(l, b, two, q);
+    minus(l, q, p, along);
+    cross(l, p, along, n);
+    var_set(l, g, dot_n(l, d, n, 3));
+    if_else(l, &edge);
+    Inst *near = op2(l, OP_ieq, one, two), *first = triangle_in(l, b->sym, one),
+         *second = triangle_in(l, b->sym, op2(l, OP_isub, ki(l, -1), two));
+    if_begin(l, &crossing, op2(l, OP_bor, near, op2(l, OP_ieq, first, second)));
+    var_set(l, g, end_in_plane(l, b, first, d, sel(l, near, r->t0, r->t1)));
+    if_else(l, &crossing);
+    var_set(l, g, planes_cross(l, b, first, second, d));
+    if_end(l, &crossing);
+    if_end(l, &edge);
+    return var_get(l, g);
+}
+
+/* f.hit as a site. faces: every edge between faces is an event. */
+static Inst *line_site(Lower *l, const Symbol *sym, const Ray *r, const Val *o, const Val *d, const First *f,
+                       SiteKind kind, bool faces, Span span) {
+    const Beam from = {.sym = sym, .geometry = gen_geometry_number(l, (Searched){.sym = sym}), .eye = o->c};
+    Inst *face = op1(l, OP_i2f, f->id), *number[2];
+    for (uint32_t k = 0; k < 2; k++) {
+        Inst *ray[] = {r->x, r->y, r->z, r->dx, r->dy, r->dz, r->t0, r->t1}, *args[SLT_PAIR_ROWS];
+        for (uint32_t i = 0; i < SLT_PAIR_OTHER; i++) args[i] = args[SLT_PAIR_OTHER + i] = ray[i];
+        args[SLT_PAIR_FACE] = args[SLT_PAIR_OTHER_FACE] = face;
+        args[SLT_PAIR_EDGES] = kf(l, faces), args[SLT_PAIR_WHICH] = kf(l, k);
+        number[k] = special(l, OP_query, TY_INT, SLT_PAIR_ROWS, args,
+                            (Imm){.query = {from.geometry, SLT_QUERY_BETWEEN, l->geometries.data[from.geometry].base}});
+    }
+    return site_ray(l, kind, f->hit, g_of_line(l, &from, r, d->c, number[0], number[1]), span);
+}
+
+static void want_exact_numbers(Lower *l, const Symbol *sym) {
+    uint32_t most = sym->nvertices > sym->nfaces ? sym->nvertices : sym->nfaces;
+    if (l->fn->precision == PREC_F32 && most >= SLT_MESH_EXACT)
+        session_limit(l->s,
+                      "[Disc] on the mesh `%s` in f32: floats cannot number its %u vertices and %u triangles; "
+                      "--precision f64 can",
+                      sym->name, sym->nvertices, sym->nfaces);
 }
 
 /* ---- normals that bend with the surface */
@@ -314,7 +384,7 @@ static Val smooth_normal(Lower *l, Expr *e, const Symbol *sym) {
     minus(l, corner[1], corner[0], p);
     minus(l, corner[2], corner[0], q);
     cross(l, p, q, across);
-    Inst *whole = dot_n(l, across, across, 3), *real = op2(l, OP_flt, kf(l, 0), whole);
+    Inst *whole = dot_n(l, across, across, 3), *real = op2(l, OP_fne, whole, kf(l, 0));
     for (int k = 0; k < 3; k++) minus(l, corner[k], hit.c + HIT_P, from[k]);
     for (uint32_t k = 0; k < 3; k++) {
         cross(l, from[(k + 1) % 3], from[(k + 2) % 3], part);
@@ -322,7 +392,7 @@ static Val smooth_normal(Lower *l, Expr *e, const Symbol *sym) {
         of_vertex(l, sym, gen_normals(l, sym), of_triangle(l, sym, 0, SLT_MESH_FACE, k, tri), normal);
         for (int a = 0; a < 3; a++) sum[a] = add(l, sum[a], mul(l, area, normal[a]));
     }
-    Inst *square = dot_n(l, sum, sum, 3), *some = op2(l, OP_band, found, op2(l, OP_flt, kf(l, 0), square)),
+    Inst *square = dot_n(l, sum, sum, 3), *some = op2(l, OP_band, found, op2(l, OP_fne, square, kf(l, 0))),
          *length = op1(l, OP_fsqrt, sel(l, some, square, kf(l, 1)));
     for (int a = 0; a < 3; a++) v.c[a] = sel(l, some, op2(l, OP_fdiv, sum[a], length), kf(l, 0));
     return v;
@@ -330,13 +400,9 @@ static Val smooth_normal(Lower *l, Expr *e, const Symbol *sym) {
 
 Val gen_mesh(Lower *l, Expr *e, const Symbol *sym) {
     const MethodInfo *method = &methods[e->method];
-    bool pieces = e->method == M_MESH_FIRST || e->method == M_MESH_NEXT;
-    const char *why = l->quiet ? "is asked by the shader itself, not by bounds, initial values and what places vertices"
-                      : l->tag.disc && !pieces && e->method != M_MESH_SMOOTH
-                          ? "is no site yet: its silhouettes are not integrated, so take [Disc] away"
-                          : NULL;
-    if (why) {
-        diag_emit(l->s, DIAG_geometry_query, e->span, method->name, sym->type->name, why);
+    if (l->quiet) {
+        diag_emit(l->s, DIAG_geometry_query, e->span, method->name, sym->type->name,
+                  "is asked by the shader itself, not by bounds, initial values and what places vertices");
         gen_giveup(l);
     }
     if (e->method == M_MESH_FIRST) return first(l, e, sym);
@@ -345,12 +411,19 @@ Val gen_mesh(Lower *l, Expr *e, const Symbol *sym) {
     Val o = gen_expr(l, e->args[0]), d = gen_expr(l, e->args[1]);
     Inst *t0 = gen_scalar(l, e->args[2]), *t1 = gen_scalar(l, e->args[3]);
     Ray r = {.x = o.c[0], .y = o.c[1], .z = o.c[2], .dx = d.c[0], .dy = d.c[1], .dz = d.c[2], .t0 = t0, .t1 = t1};
-    if (e->method == M_MESH_TRACE) return trace(l, e, sym, &r, &o, &d);
-    Val v = val_new(l, e->type);
     /* The first point says what the jump depends on; kernels that do not ask for it get the cheaper OCCLUDED
      * (opt_hits). */
     First f = first_of(l, sym, &r, &o, &d);
-    v.c[0] = f.hit;
-    site_untracked(l, f.hit, f.met.t, NULL, e->span, JUMP_BUILTIN);
+    bool traces = e->method == M_MESH_TRACE, disc = traces ? site_wanted(l, f.id, f.met.t, e->span, JUMP_ALWAYS)
+                                                           : site_wanted(l, f.hit, f.met.t, e->span, JUMP_BUILTIN);
+    Inst *hit = f.hit, *hit_face = f.hit;
+    if (disc) {
+        want_exact_numbers(l, sym);
+        hit = line_site(l, sym, &r, &o, &d, &f, traces ? SITE_MESH : SITE_MESH_SHADOW, false, e->span);
+        hit_face = traces ? line_site(l, sym, &r, &o, &d, &f, SITE_MESH, true, e->span) : hit;
+    }
+    if (traces) return trace(l, e, sym, &r, &o, &d, &f, hit, hit_face);
+    Val v = val_new(l, e->type);
+    v.c[0] = hit;
     return v;
 }

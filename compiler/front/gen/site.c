@@ -59,7 +59,7 @@ static Inst *emit_site(Lower *l, Op op, SiteKind kind, Inst *value, Inst *g, con
 }
 
 void site_untracked(Lower *l, Inst *at, Inst *g0, Inst *g1, Span span, JumpKind kind) {
-    if (l->quiet || l->in_tangent || ir_is_const(at)) return;
+    if ((l->quiet && !l->records) || l->in_tangent || ir_is_const(at)) return;
     span = gen_shown(l, span);
     if (l->tag.nodisc) vec_push(l->arena, &l->silenced, span);
     else vec_push(l->arena, &l->untracked, ((Untracked){at, g0, g1, span, kind}));
@@ -182,10 +182,10 @@ Inst *site_compare(Lower *l, Inst *decision, Inst *a, Inst *b, Span span) {
     return emit_site(l, OP_site, SITE_COMPARE, decision, g, l->loop, span, false);
 }
 
-bool site_wanted(Lower *l, Inst *hit, Inst *t, Span span) {
+bool site_wanted(Lower *l, Inst *hit, Inst *t, Span span, JumpKind kind) {
     /* A skipped loop keeps one g for all its iterations; a window along a ray has no such sum. */
     if (l->tag.disc && !l->quiet && !l->in_tangent && !l->tag.skip) return true;
-    site_untracked(l, hit, t, NULL, span, JUMP_BUILTIN);
+    site_untracked(l, hit, t, NULL, span, kind);
     return false;
 }
 

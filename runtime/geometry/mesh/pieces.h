@@ -8,22 +8,33 @@
  * piece of a triangle is what half-planes leave of the window: in front, beside or beyond it alike, corners behind the
  * eye too.
  *
- *   window -> sub-windows of few triangles, depth first -> pieces of each -> the thread's store
+ *   windows -> those near each other, one way through the tree -> facets.inc.h, triangles in each window
+ *           -> parts of the window with few triangles, depth first -> cover.c, polygons of each -> told.c
  *
- * The store is a row of units of 8 numbers of the mesh's precision, which kernels read (OP_told): a piece, its sides
- * behind it. It is emptied by SLT_QUERY_BEGIN. */
+ * What is told lies in the thread's store, a row of units of 8 numbers of the mesh's precision, which kernels read: a
+ * piece, its sides behind it (saltus/mesh.h). Unit 0 is no piece. The store is emptied by SLT_QUERY_BEGIN. */
 #ifndef SALTUS_MESH_PIECES_H
 #define SALTUS_MESH_PIECES_H
 
+#include "adjacency.h"
 #include "rays.h"
 
-/* The pieces seen through a window, rays: rows of SltBeamRow; witness: the unit of the first, or SLT_WITNESS_NONE. */
-void pieces_find(const BvhScene *s, const void *values, const void *rays, uint64_t mask, uint32_t width,
-                 int32_t *witness);
-void pieces_begin(void);                                    /* empties the thread's store */
-double pieces_told(bool f64, int32_t unit, uint32_t which); /* 0 where there is nothing */
+typedef struct PieceScene {
+    BvhScene tree;
+    const void *values;
+    const Adjacency *adjacency; /* NULL: sides are not told */
+    const struct FacetSearch *facets;
+} PieceScene;
 
-/* Does the store of any thread lack pieces for want of memory since the last call? */
-bool pieces_lost(void);
+/* The pieces seen through a window, rays: rows of SltBeamRow; witness: the unit of the first, or 0. False: out of
+ * memory, some are missing. */
+bool pieces_find(const PieceScene *s, const void *rays, uint64_t mask, uint32_t width, int32_t *witness);
+
+/* ---- the thread's store (told.c) */
+void pieces_begin(void);       /* empties it */
+const void *pieces_told(void); /* SltToldFn */
+
+/* For each instruction set, the same bits from all. */
+extern const struct FacetSearch facets_plain, facets_avx2, facets_avx512;
 
 #endif

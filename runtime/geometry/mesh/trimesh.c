@@ -2,6 +2,7 @@
 #include "trimesh.h"
 
 #include "pieces.h"
+#include "walk.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -24,6 +25,15 @@ static const BvhSearches *searches(TrimeshIsa isa) {
 #endif
     (void)isa;
     return &bvh_plain;
+}
+
+static const struct FacetSearch *facets(TrimeshIsa isa) {
+#if defined(__x86_64__)
+    if (isa == TRIMESH_ISA_AVX512) return &facets_avx512;
+    if (isa == TRIMESH_ISA_AVX2) return &facets_avx2;
+#endif
+    (void)isa;
+    return &facets_plain;
 }
 
 /* ---- queries */
@@ -58,19 +68,29 @@ static void begin(const SltGeometry *g, const void *values, const void *rays, ui
     for (uint32_t k = 0; k < width; k++) witness[k] = 0;
 }
 
-static void pieces(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
-                   int32_t *witness) {
-    const BvhScene s = scene_of(g, values);
-    pieces_find(&s, values, rays, mask, width, witness);
+static void find(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width, bool sides,
+                 int32_t *witness) {
+    const Trimesh *m = g->made;
+    const PieceScene s = {
+        .tree = scene_of(g, values), .values = values, .adjacency = sides ? &m->adjacency : NULL, .facets = m->facets};
+    if (!pieces_find(&s, rays, mask, width, witness)) atomic_store(m->lost, true);
 }
 
-static void tell(const SltGeometry *g, uint32_t which, const int32_t *unit, uint64_t mask, uint32_t width, void *told) {
-    const bool f64 = ((const Trimesh *)g->made)->from.f64;
-    for (uint32_t k = 0; k < width; k++) {
-        double v = mask >> k & 1 ? pieces_told(f64, unit[k], which) : 0;
-        if (f64) ((double *)told)[k] = v;
-        else ((float *)told)[k] = (float)v;
-    }
+static void between(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
+                    int32_t *witness) {
+    const Trimesh *m = g->made;
+    const WalkMesh w = {.adjacency = &m->adjacency, .face = m->from.faces, .vertex = values, .f64 = m->from.f64};
+    walk_between(&w, rays, mask, width, witness);
+}
+
+static void pieces(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
+                   int32_t *witness) {
+    find(g, values, rays, mask, width, true, witness);
+}
+
+static void seen(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
+                 int32_t *witness) {
+    find(g, values, rays, mask, width, false, witness);
 }
 
 /* Of boxes of rays nothing is known yet. */
@@ -82,19 +102,21 @@ static void blocked(const SltGeometry *g, const void *values, const void *rays, 
 
 /* ---- the seam */
 
-static const uint32_t searching = 1u << SLT_QUERY_TRACE | 1u << SLT_QUERY_OCCLUDED | 1u << SLT_QUERY_PIECES;
+static const uint32_t searching =
+    1u << SLT_QUERY_TRACE | 1u << SLT_QUERY_OCCLUDED | 1u << SLT_QUERY_PIECES | 1u << SLT_QUERY_SEEN;
 
 static void release(SltGeometry *g) {
     Trimesh *m = (Trimesh *)g;
     if (!m) return;
     if (m->has_tree) bvh_free(&m->bvh);
+    if (m->has_adjacency) adjacency_free(&m->adjacency);
     free(m);
 }
 
 static void describe(Trimesh *m) {
     if (m->has_tree)
-        snprintf(m->text, sizeof m->text, "tree of boxes, %u nodes of 8, %u leaves, %s", m->bvh.nnodes, m->bvh.nleaves,
-                 m->rays->name);
+        snprintf(m->text, sizeof m->text, "tree of boxes, %u nodes of 8, %u leaves, %s%s", m->bvh.nnodes,
+                 m->bvh.nleaves, m->rays->name, m->has_adjacency ? "; neighbours of faces" : "");
     else snprintf(m->text, sizeof m->text, "no tree");
 }
 
@@ -107,6 +129,8 @@ SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void
     if (!m) return status_fail(err, SLT_LIMIT, "out of memory for a mesh");
     m->from = *from;
     m->rays = searches(isa ? isa : best_isa());
+    m->facets = facets(isa ? isa : best_isa());
+    m->lost = &m->lost_;
     m->base.shared.made = m;
     m->base.ops = &geometry_mesh;
     m->has_tree = from->queries & searching;
@@ -115,15 +139,23 @@ SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void
         release(&m->base.shared);
         return status_fail(err, SLT_LIMIT, "out of memory for the tree of a mesh of %u triangles", from->nfaces);
     }
+    m->has_adjacency = from->queries & (1u << SLT_QUERY_PIECES | 1u << SLT_QUERY_BETWEEN);
+    if (m->has_adjacency && !adjacency_make(&m->adjacency, from->faces, from->nfaces, from->nvertices)) {
+        m->has_adjacency = false;
+        release(&m->base.shared);
+        return status_fail(err, SLT_LIMIT, "out of memory for the edges of a mesh of %u triangles", from->nfaces);
+    }
     describe(m);
+    if (m->has_adjacency) m->base.shared.query[SLT_QUERY_BETWEEN] = between;
     if (m->has_tree) {
         m->base.shared.query[SLT_QUERY_TRACE] = trace;
         m->base.shared.query[SLT_QUERY_OCCLUDED] = occluded;
-        m->base.shared.query[SLT_QUERY_PIECES] = pieces;
+        m->base.shared.query[SLT_QUERY_PIECES] = m->has_adjacency ? pieces : NULL;
+        m->base.shared.query[SLT_QUERY_SEEN] = seen;
     }
     m->base.shared.query[SLT_QUERY_BLOCKED] = blocked;
     m->base.shared.query[SLT_QUERY_BEGIN] = begin;
-    m->base.shared.tell = tell;
+    m->base.shared.told = pieces_told;
     *out = &m->base.shared;
     return SLT_OK;
 }
@@ -158,8 +190,10 @@ static double growth(const SltGeometry *g, const void *from, const void *to) {
 
 static size_t held(const SltGeometry *g) {
     const Trimesh *m = g->made;
-    return m->has_tree ? bvh_bytes(&m->bvh) : 0;
+    return (m->has_tree ? bvh_bytes(&m->bvh) : 0) + (m->has_adjacency ? adjacency_bytes(&m->adjacency) : 0);
 }
+
+static bool lost(const SltGeometry *g) { return atomic_exchange(((const Trimesh *)g->made)->lost, false); }
 
 static const char *text(const SltGeometry *g) { return ((const Trimesh *)g->made)->text; }
 
@@ -168,5 +202,6 @@ const GeometryOps geometry_mesh = {.make = make,
                                    .changed = changed,
                                    .follow = follow,
                                    .growth = growth,
+                                   .lost = lost,
                                    .bytes = held,
                                    .describe = text};

@@ -2,11 +2,15 @@
  * tests and benchmarks, which ask more.
  *
  *   vertices, faces (caller's)  ->  bvh.h  ->  rays.h, one ray against eight boxes  ->  witnesses
+ *                    faces      ->  adjacency.h  ->  walk.h, what parts two rays
  *
- * A mesh that nobody asks about rays holds nothing. */
+ * A mesh that nobody asks about rays holds nothing; adjacency is made where [Disc] asks for it. */
 #ifndef SALTUS_MESH_TRIMESH_H
 #define SALTUS_MESH_TRIMESH_H
 
+#include <stdatomic.h>
+
+#include "adjacency.h"
 #include "bvh.h"
 #include "rays.h"
 #include "runtime/geometry/geometry.h"
@@ -22,9 +26,12 @@ typedef enum TrimeshIsa {
 typedef struct Trimesh {
     Geometry base;
     GeometrySource from;
-    bool dirty, has_tree;
-    Bvh bvh; /* where has_tree */
+    bool dirty, has_tree, has_adjacency;
+    atomic_bool lost_, *lost; /* pieces, for want of memory: queries see the mesh as const */
+    Bvh bvh;                  /* where has_tree */
+    Adjacency adjacency;      /* where has_adjacency */
     const BvhSearches *rays;
+    const struct FacetSearch *facets;
     char text[96]; /* describe */
 } Trimesh;
 

@@ -1,0 +1,230 @@
+/* Triangles that windows may see, eight at a time. Include behind lanes.h with F64 1.
+ *
+ * What is listed for several windows of one eye does not decide what one of them sees: `survey` asks each triangle
+ * again, by arithmetic of the window alone. */
+typedef Flt8 Wide __attribute__((aligned(8)));
+typedef float Narrow __attribute__((vector_size(32), aligned(4)));
+
+#define BESIDE 1e-9 /* by which what lies where is widened */
+
+INLINE void dot8(const Flt8 a[3], const double b[3], Flt8 *out) { *out = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+/* Of g at the corners of the window, g[0] s + g[1] t + g[2]. */
+INLINE void range_of(const Flt8 g[3], Flt8 *least, Flt8 *most) {
+    Flt8 at[4] = {g[2], g[0] + g[2], g[1] + g[2], g[0] + g[1] + g[2]};
+    *least = *most = at[0];
+    for (int k = 1; k < 4; k++) keep_min(least, &at[k]), keep_max(most, &at[k]);
+}
+
+INLINE void size_of(const Flt8 *x, Flt8 *size) {
+    Flt8 negative = -*x;
+    *size = *x;
+    keep_max(size, &negative);
+}
+
+/* Which of a node's boxes are not wholly outside of one of the planes through the eye? */
+INLINE uint32_t boxes_in(const BvhNode *n, const double plane[5][3], const double eye[3], double slack) {
+    Int8 out = {0};
+    Flt8 lo[3], hi[3];
+    for (int a = 0; a < 3; a++) {
+        lo[a] = __builtin_convertvector(*(const Narrow *)n->lo[a], Flt8) - (eye[a] + slack);
+        hi[a] = __builtin_convertvector(*(const Narrow *)n->hi[a], Flt8) - (eye[a] - slack);
+    }
+    for (int p = 0; p < 5; p++) {
+        Flt8 most = {0}, size = {0};
+        for (int a = 0; a < 3; a++) {
+            Flt8 x = plane[p][a] * (plane[p][a] > 0 ? hi[a] : lo[a]), absolute;
+            size_of(&x, &absolute);
+            most += x, size += absolute;
+        }
+        out |= most < -1e-12 * size;
+    }
+    Int8 in = ~out & (lo[0] <= hi[0]);
+    return bits(&in);
+}
+
+static void list_triangles(Search *s, const double plane[5][3], const double eye[3]) {
+    const BvhScene *scene = &s->scene->tree;
+    const Bvh *b = scene->bvh;
+    int32_t stack[BVH_STACK];
+    uint32_t depth = 0;
+    Store *store = s->store;
+    store->list.n = 0;
+    stack[depth++] = 0;
+    while (depth) {
+        const BvhNode *n = &b->node[stack[--depth]];
+        for (uint32_t in = boxes_in(n, plane, eye, scene->slack); in; in &= in - 1) {
+            const int32_t child = n->child[__builtin_ctz(in)];
+            if (child >= 0) {
+                if (child) stack[depth++] = child;
+                continue;
+            }
+            const int32_t *triangle =
+                b->f64 ? ((const BvhLeaf64 *)b->leaf)[~child].triangle : ((const BvhLeaf32 *)b->leaf)[~child].triangle;
+            if (!window_room(store, &store->list.data, store->list.n, &store->list.room, BVH_LEAF,
+                             sizeof *store->list.data))
+                return;
+            for (int i = 0; i < BVH_LEAF; i++)
+                if (triangle[i] >= 0) store->list.data[store->list.n++] = triangle[i];
+        }
+    }
+}
+
+INLINE void corners_of(const Search *s, const double eye[3], const int32_t *triangle, uint32_t n, Flt8 p[3][3]) {
+    typedef struct {
+        double at[3][3][8];
+    } Corners;
+    Corners c = {0};
+    for (uint32_t i = 0; i < n; i++)
+        for (int k = 0; k < 3; k++) {
+            const size_t at = 3 * (size_t)s->scene->tree.bvh->face[3 * (size_t)triangle[i] + (size_t)k];
+            for (int a = 0; a < 3; a++)
+                c.at[k][a][i] = (s->f64 ? ((const double *)s->scene->values)[at + (size_t)a]
+                                        : (double)((const float *)s->scene->values)[at + (size_t)a]) -
+                                eye[a];
+        }
+    memcpy(p, &c, sizeof c);
+}
+
+/* False: none of them lies in the rectangle. */
+INLINE bool make_eight(const Search *s, const Window *w, const Rectangle *r, const int32_t *triangle, uint32_t n,
+                       Eight *e) {
+    Flt8 p[3][3], normal[3][3], sum[3], det, size;
+    corners_of(s, w->eye, triangle, n, p);
+    for (int k = 0; k < 3; k++) {
+        const int q = (k + 1) % 3;
+        for (int a = 0; a < 3; a++) {
+            const int j = (a + 1) % 3, l = (a + 2) % 3;
+            normal[k][a] = p[k][j] * p[q][l] - p[k][l] * p[q][j];
+        }
+    }
+    for (int a = 0; a < 3; a++) sum[a] = normal[0][a] + normal[1][a] + normal[2][a];
+    det = p[0][0] * normal[1][0] + p[0][1] * normal[1][1] + p[0][2] * normal[1][2];
+    size_of(&det, &size);
+    Int8 turned = det < 0, bad = ~((size > 0) & (size <= DBL_MAX));
+    Flt8 lo[2] = {(Flt8){0} + HUGE_VAL, (Flt8){0} + HUGE_VAL}, hi[2] = {-lo[0], -lo[1]};
+    Int8 ahead = ~(Int8){0};
+    for (int k = 0; k < 3; k++) {
+        Flt8 along, at;
+        dot8(p[k], w->plane[2], &along);
+        ahead &= along > 0;
+        for (int i = 0; i < 2; i++) {
+            dot8(p[k], w->plane[i], &at);
+            at /= along;
+            keep_min(&lo[i], &at), keep_max(&hi[i], &at);
+        }
+    }
+    Int8 outside = {0};
+    for (int i = 0; i < 2; i++) {
+        Flt8 above, below;
+        size_of(&hi[i], &above), size_of(&lo[i], &below);
+        lo[i] -= BESIDE * (1 + above + below), hi[i] += BESIDE * (1 + above + below);
+        outside |= (lo[i] > r->hi[i]) | (hi[i] < r->lo[i]);
+        lo[i] = (Flt8)((ahead & (Int8)lo[i]) | (~ahead & (Int8)((Flt8){0} - HUGE_VAL)));
+        hi[i] = (Flt8)((ahead & (Int8)hi[i]) | (~ahead & (Int8)((Flt8){0} + HUGE_VAL)));
+    }
+    Int8 none = bad | (ahead & outside);
+    uint32_t without = bits(&none);
+    if ((~without & ((1u << n) - 1)) == 0) return false;
+    for (int a = 0; a < 3; a++) {
+        *(Wide *)e->depth[a] = sum[a] / det;
+        for (int k = 0; k < 3; k++) *(Wide *)e->normal[k][a] = (Flt8)((Int8)normal[k][a] ^ (turned & INT64_MIN));
+    }
+    for (int i = 0; i < 2; i++) {
+        *(Wide *)e->lo[i] = lo[i], *(Wide *)e->hi[i] = hi[i];
+        e->least[i] = HUGE_VAL, e->most[i] = -HUGE_VAL;
+    }
+    e->turned = bits(&turned);
+    for (uint32_t k = 0; k < 8; k++) {
+        const bool here = k < n && !(without >> k & 1);
+        e->triangle[k] = here ? triangle[k] : -1;
+        for (int i = 0; i < 2 && here; i++)
+            e->least[i] = fmin(e->least[i], e->lo[i][k]), e->most[i] = fmax(e->most[i], e->hi[i][k]);
+    }
+    return true;
+}
+
+static void list(Search *s, const Window *w, const Rectangle *r) {
+    double plane[5][3];
+    for (int a = 0; a < 3; a++) {
+        const double *const *row = (const double *const[]){w->plane[0], w->plane[1], w->plane[2]};
+        for (int i = 0; i < 2; i++) {
+            plane[2 * i][a] = row[i][a] - r->lo[i] * row[2][a];
+            plane[2 * i + 1][a] = r->hi[i] * row[2][a] - row[i][a];
+        }
+        plane[4][a] = row[2][a];
+    }
+    Store *store = s->store;
+    store->eight.n = 0;
+    list_triangles(s, (const double(*)[3])plane, w->eye);
+    for (uint32_t i = 0; i < store->list.n; i += 8) {
+        const uint32_t n = store->list.n - i < 8 ? store->list.n - i : 8;
+        if (!window_room(store, &store->eight.data, store->eight.n, &store->eight.room, 1, sizeof *store->eight.data))
+            return;
+        store->eight.n += make_eight(s, w, r, store->list.data + i, n, &store->eight.data[store->eight.n]);
+    }
+}
+
+/* Those of the eight that the window may see, as facets. */
+INLINE void survey_eight(Search *s, const Eight *e, const Rectangle *within, double *hidden) {
+    typedef struct {
+        double at[8];
+    } Row;
+    const Window *w = &s->window;
+    Int8 in = (*(const Wide *)e->lo[0] <= within->hi[0]) & (*(const Wide *)e->hi[0] >= within->lo[0]) &
+              (*(const Wide *)e->lo[1] <= within->hi[1]) & (*(const Wide *)e->hi[1] >= within->lo[1]);
+    if (!bits(&in)) return;
+    Flt8 g[3][3], depth[3], least, most;
+    Int8 fills = ~(Int8){0};
+    for (int k = 0; k < 3; k++) {
+        const Flt8 n[3] = {*(const Wide *)e->normal[k][0], *(const Wide *)e->normal[k][1],
+                           *(const Wide *)e->normal[k][2]};
+        dot8(n, w->u, &g[k][0]), dot8(n, w->v, &g[k][1]), dot8(n, w->c, &g[k][2]);
+        range_of(g[k], &least, &most);
+        in &= most > 0, fills &= least > 0;
+    }
+    uint32_t some = bits(&in);
+    if (!some) return;
+    const Flt8 n[3] = {*(const Wide *)e->depth[0], *(const Wide *)e->depth[1], *(const Wide *)e->depth[2]};
+    dot8(n, w->u, &depth[0]), dot8(n, w->v, &depth[1]), dot8(n, w->c, &depth[2]);
+    range_of(depth, &least, &most);
+    Row row[14];
+    memcpy(row, g, 9 * sizeof *row);
+    memcpy(row + 9, depth, 3 * sizeof *row);
+    memcpy(row + 12, &least, sizeof *row), memcpy(row + 13, &most, sizeof *row);
+    const uint32_t filling = bits(&fills);
+    Store *store = s->store;
+    for (; some; some &= some - 1) {
+        const int i = __builtin_ctz(some);
+        if (e->triangle[i] < 0 || row[13].at[i] < *hidden || !(fabs(row[12].at[i]) + fabs(row[13].at[i]) <= DBL_MAX))
+            continue;
+        if (!window_room(store, &store->facet.data, store->facet.n, &store->facet.room, 1, sizeof *store->facet.data))
+            return;
+        Facet *f = &store->facet.data[store->facet.n++];
+        for (int k = 0; k < 9; k++) f->g[k / 3][k % 3] = row[k].at[i];
+        for (int k = 0; k < 3; k++) f->depth[k] = row[9 + k].at[i];
+        f->least = row[12].at[i], f->most = row[13].at[i];
+        f->triangle = e->triangle[i], f->turned = e->turned >> i & 1, f->fills = filling >> i & 1;
+        if (f->fills && f->least > *hidden) *hidden = f->least;
+    }
+}
+
+static void survey(Search *s, const Rectangle *within) {
+    Store *store = s->store;
+    double hidden = -HUGE_VAL;
+    store->facet.n = 0;
+    for (uint32_t i = 0; i < store->eight.n; i++) {
+        const Eight *e = &store->eight.data[i];
+        if (e->least[0] > within->hi[0] || e->most[0] < within->lo[0] || e->least[1] > within->hi[1] ||
+            e->most[1] < within->lo[1])
+            continue;
+        survey_eight(s, e, within, &hidden);
+    }
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < store->facet.n; i++)
+        if (!(store->facet.data[i].most < hidden)) {
+            if (n < i) store->facet.data[n] = store->facet.data[i];
+            n++;
+        }
+    store->facet.n = n;
+}

@@ -1,0 +1,13 @@
+/* facets.inc.h for AVX2; CMakeLists.txt gives this file its -m flags. */
+#include <float.h>
+#include <math.h>
+
+#include "window.h"
+
+#if defined(__AVX2__)
+#define F64 1
+#include "lanes.h"
+#include "facets.inc.h"
+
+const FacetSearch facets_avx2 = {.list = list, .survey = survey};
+#endif

@@ -1,0 +1,13 @@
+/* facets.inc.h for AVX-512; CMakeLists.txt gives this file its -m flags. */
+#include <float.h>
+#include <math.h>
+
+#include "window.h"
+
+#if defined(__AVX512DQ__)
+#define F64 1
+#include "lanes.h"
+#include "facets.inc.h"
+
+const FacetSearch facets_avx512 = {.list = list, .survey = survey};
+#endif

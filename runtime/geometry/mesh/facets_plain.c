@@ -1,0 +1,11 @@
+/* facets.inc.h for the machine that all have. */
+#include <float.h>
+#include <math.h>
+
+#include "window.h"
+
+#define F64 1
+#include "lanes.h"
+#include "facets.inc.h"
+
+const FacetSearch facets_plain = {.list = list, .survey = survey};

@@ -1,0 +1,278 @@
+/* The store that kernels read, and what is told of a piece.
+ *
+ * A side that lies on an edge's line moves with the edge as far as the edge goes. Where faces are flat or nearly so the
+ * next edge lies on the line's extension, and a side of that, cut before the next face came, is the next edge's to
+ * move: a side is told in parts, each with the edge that goes there. Which edge that is hangs on edges alone, not on
+ * the side, so that cuts between pieces of one face cancel. What no edge continues is a cut of one face: it moves with
+ * the edge that it extends. */
+#include <math.h>
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "saltus/mesh.h"
+#include "saltus/query.h"
+#include "window.h"
+
+enum { MOST = 1 << 24 }; /* of a row */
+#define CONTINUES 1e-6 /* of a window's side: an edge whose end is nearer to a line lies on it */
+
+static _Thread_local Store *own;
+static pthread_key_t key;
+static pthread_once_t once = PTHREAD_ONCE_INIT;
+
+static void release(void *p) {
+    Store *s = p;
+    free(s->unit), free(s->list.data), free(s->eight.data), free(s->facet.data), free(s->chosen.data);
+    free(s->crossing.data), free(s->piece.data), free(s);
+}
+
+static void make_key(void) { (void)pthread_key_create(&key, release); }
+
+bool window_room(Store *s, void *row, uint32_t n, uint32_t *room, uint32_t more, size_t size) {
+    void *old;
+    if (n + more <= *room) return true;
+    uint32_t want = *room ? 2 * *room : 64;
+    while (want < n + more) want *= 2;
+    memcpy(&old, row, sizeof old);
+    void *fresh = want <= MOST ? realloc(old, want * size) : NULL;
+    if (!fresh) return s->lost = true, false;
+    memcpy(row, &fresh, sizeof fresh);
+    *room = want;
+    return true;
+}
+
+/* Room for a piece and its sides. */
+static bool room_for_piece(Store *s) {
+    return window_room(s, &s->unit, s->n + 1, &s->room, 1 + SLT_PIECE_MAX_SIDES, sizeof *s->unit);
+}
+
+static void count_units(Store *s, uint32_t n) {
+    s->n = n;
+    const uint32_t last = n - 1;
+    memcpy(&s->unit[0], &last, sizeof last);
+}
+
+static void empty(Store *s) {
+    if (!s->n && !room_for_piece(s)) return;
+    memset(&s->unit[1], 0, sizeof *s->unit);
+    count_units(s, 1);
+}
+
+Store *told_store(void) {
+    if (own) return own;
+    pthread_once(&once, make_key);
+    own = calloc(1, sizeof *own);
+    if (!own) return NULL;
+    (void)pthread_setspecific(key, own);
+    empty(own);
+    return own;
+}
+
+void pieces_begin(void) {
+    if (own) empty(own);
+}
+
+const void *pieces_told(void) {
+    static const Unit nothing[2];
+    return own && own->n ? own->unit + 1 : nothing + 1;
+}
+
+/* ---- units */
+
+static unsigned char *place(const Search *s, uint32_t unit, uint32_t which) {
+    const size_t size = s->f64 ? sizeof(double) : sizeof(float);
+    return (unsigned char *)(s->store->unit + 1) + ((size_t)unit * SLT_TOLD + which) * size;
+}
+
+static void put(const Search *s, uint32_t unit, uint32_t which, double v) {
+    const float narrow = (float)v;
+    if (s->f64) memcpy(place(s, unit, which), &v, sizeof v);
+    else memcpy(place(s, unit, which), &narrow, sizeof narrow);
+}
+
+static void put_int(const Search *s, uint32_t unit, uint32_t which, int32_t v) {
+    memcpy(place(s, unit, which), &v, sizeof v);
+}
+
+static uint32_t tell(Search *s, int32_t triangle, double area, double at_s, double at_t, uint32_t sides) {
+    const uint32_t unit = s->store->n;
+    put(s, unit, SLT_PIECE_AREA, area);
+    put(s, unit, SLT_PIECE_S, at_s), put(s, unit, SLT_PIECE_T, at_t);
+    put_int(s, unit, SLT_PIECE_NEXT, 0);
+    put_int(s, unit, SLT_PIECE_TRIANGLE, triangle);
+    put_int(s, unit, SLT_PIECE_SIDES, (int32_t)sides);
+    if (s->first) put_int(s, s->last, SLT_PIECE_NEXT, (int32_t)unit);
+    else s->first = unit;
+    s->last = unit;
+    count_units(s->store, unit + 1 + sides);
+    return unit;
+}
+
+void told_whole(Search *s, const Facet *f) {
+    if (room_for_piece(s->store)) tell(s, f->triangle, 1, 0.5, 0.5, 0);
+}
+
+/* ---- sides */
+
+/* A side of a piece, counter-clockwise. */
+typedef struct Side {
+    double at[2][2]; /* its ends */
+    double d[2][3];  /* their directions */
+    double g[3];     /* of its line */
+    double length;
+    uint32_t unit, count; /* of the piece's sides: the first, how many */
+} Side;
+
+/* The part from `from` to `to` of the way between the ends, on a line g = 0 with g > 0 on the left. */
+static void tell_side(Search *s, Side *side, int32_t a, int32_t b, const double g[3], double from, double to) {
+    if (!(from < to)) return;
+    const uint32_t unit = side->unit + side->count++;
+    if (side->count > SLT_PIECE_MAX_SIDES) return; /* told in two */
+    const double slope = hypot(g[0], g[1]), ds = side->at[1][0] - side->at[0][0], dt = side->at[1][1] - side->at[0][1];
+    const double weight = slope > 0 ? (to - from) * side->length / slope : 0;
+    put_int(s, unit, SLT_SIDE_A, a), put_int(s, unit, SLT_SIDE_B, b);
+    put(s, unit, SLT_SIDE_WEIGHT, g[1] * ds - g[0] * dt < 0 ? -weight : weight);
+    put(s, unit, SLT_SIDE_S0, side->at[0][0] + from * ds), put(s, unit, SLT_SIDE_T0, side->at[0][1] + from * dt);
+    put(s, unit, SLT_SIDE_S1, side->at[0][0] + to * ds), put(s, unit, SLT_SIDE_T1, side->at[0][1] + to * dt);
+}
+
+/* Narrows from and to to where the directions of the side are on q's side of p, in the plane of both. */
+static void on_side_of(const Side *side, const double p[3], const double q[3], double *from, double *to) {
+    double n[3], across[3], f[2];
+    window_cross(p, q, n);
+    window_cross(n, p, across);
+    for (int k = 0; k < 2; k++) f[k] = window_dot(side->d[k], across);
+    if (f[0] >= 0 && f[1] >= 0) return;
+    if (f[0] < 0 && f[1] < 0) {
+        *from = 1, *to = 0;
+        return;
+    }
+    const double at = f[0] / (f[0] - f[1]);
+    if (f[0] < 0) *from = fmax(*from, at);
+    else *to = fmin(*to, at);
+}
+
+static void line_of(const Search *s, const double normal[3], double g[3]) {
+    g[0] = window_dot(s->window.u, normal), g[1] = window_dot(s->window.v, normal);
+    g[2] = window_dot(s->window.c, normal);
+}
+
+/* The edge at vertex v that goes on where a line comes from `before`, seen: its other end lies on the line. -1: none.
+ */
+static int32_t next_end(const Search *s, const double g[3], int32_t v, const double before[3], const double here[3]) {
+    const Adjacency *adjacency = s->scene->adjacency;
+    const double whole = fabs(window_dot(s->window.u, s->window.plane[0])), slope = hypot(g[0], g[1]);
+    double n[3], across[3], least = CONTINUES;
+    int32_t best = -1;
+    window_cross(before, here, n);
+    window_cross(n, here, across); /* ahead of `here` it is positive */
+    for (uint32_t i = adjacency->first[v]; i < adjacency->first[v + 1]; i++) {
+        double p[3], at[3];
+        window_vertex(s, adjacency->end[i], p);
+        if (!(window_dot(p, across) > 0)) continue;
+        for (int k = 0; k < 3; k++) at[k] = window_dot(p, s->window.plane[k]) / whole;
+        const double apart = fabs(g[0] * at[0] + g[1] * at[1] + g[2] * at[2]) / (fabs(at[2]) * slope);
+        if (apart < least) least = apart, best = adjacency->end[i];
+    }
+    return best;
+}
+
+/* What of the side lies beyond the end `v` of the edge that its line is of. */
+static void tell_beyond(Search *s, Side *side, const int32_t edge[2], int32_t v, const double other[3], double from,
+                        double to) {
+    double before[3], here[3];
+    memcpy(before, other, sizeof before);
+    window_vertex(s, v, here);
+    for (uint32_t step = 0; from < to && step < s->scene->adjacency->nvertices; step++) {
+        const int32_t end = next_end(s, side->g, v, before, here);
+        if (end < 0) break;
+        double there[3], normal[3], g[3], mine[2] = {from, to}, rest[2] = {from, to};
+        window_vertex(s, end, there);
+        on_side_of(side, there, here, &mine[0], &mine[1]);
+        window_cross(here, there, normal);
+        line_of(s, normal, g);
+        tell_side(s, side, v, end, g, mine[0], mine[1]);
+        /* Beyond `there`: what is left at the end that `mine` does not reach. */
+        if (mine[0] < mine[1]) rest[0] = mine[0] > from ? from : mine[1], rest[1] = mine[0] > from ? mine[0] : to;
+        memcpy(before, here, sizeof before), memcpy(here, there, sizeof here);
+        v = end, from = rest[0], to = rest[1];
+        if (side->count > SLT_PIECE_MAX_SIDES) return;
+    }
+    tell_side(s, side, edge[0], edge[1], side->g, from, to);
+}
+
+static void tell_edge(Search *s, Side *side, const Facet *f, uint32_t k) {
+    const int32_t *corner = s->scene->tree.bvh->face + 3 * (size_t)f->triangle;
+    int32_t edge[2] = {corner[k], corner[(k + 1) % 3]};
+    if (f->turned) edge[0] = edge[1], edge[1] = corner[k];
+    memcpy(side->g, f->g[k], sizeof side->g);
+    double p[2][3], own_part[2] = {0, 1};
+    for (int i = 0; i < 2; i++) window_vertex(s, edge[i], p[i]);
+    for (int i = 0; i < 2; i++) on_side_of(side, p[i], p[!i], &own_part[0], &own_part[1]);
+    tell_side(s, side, edge[0], edge[1], side->g, own_part[0], own_part[1]);
+    if (own_part[0] <= 0 && own_part[1] >= 1) return;
+    for (int i = 0; i < 2; i++) {
+        double ahead[2] = {0, 1};
+        on_side_of(side, p[i], p[!i], &ahead[0], &ahead[1]);
+        if (!(ahead[0] < ahead[1])) {
+            tell_beyond(s, side, edge, edge[i], p[!i], 0, 1);
+            return;
+        }
+        if (ahead[0] > 0) tell_beyond(s, side, edge, edge[i], p[!i], 0, ahead[0]);
+        else if (ahead[1] < 1) tell_beyond(s, side, edge, edge[i], p[!i], ahead[1], 1);
+    }
+}
+
+/* How many there are; more than SLT_PIECE_MAX_SIDES were not told. */
+static uint32_t tell_sides(Search *s, const Polygon *p) {
+    Side side = {.unit = s->store->n + 1};
+    for (uint32_t k = 0; k < p->n && s->scene->adjacency; k++) {
+        const uint32_t next = k + 1 < p->n ? k + 1 : 0;
+        const Window *w = &s->window;
+        if (p->side[k] == SIDE_FIXED) continue;
+        side.at[0][0] = p->s[k], side.at[0][1] = p->t[k], side.at[1][0] = p->s[next], side.at[1][1] = p->t[next];
+        side.length = hypot(side.at[1][0] - side.at[0][0], side.at[1][1] - side.at[0][1]);
+        for (int i = 0; i < 2; i++)
+            for (int a = 0; a < 3; a++) side.d[i][a] = w->c[a] + side.at[i][0] * w->u[a] + side.at[i][1] * w->v[a];
+        if (p->side[k] & SIDE_CROSSING) {
+            const Crossing *c = &s->store->crossing.data[p->side[k] & ~SIDE_CROSSING];
+            tell_side(s, &side, c->a, ~c->b, c->g, 0, 1);
+        } else {
+            tell_edge(s, &side, &s->store->facet.data[(p->side[k] - 1) / 3], (p->side[k] - 1) % 3);
+        }
+        if (side.count > SLT_PIECE_MAX_SIDES) break;
+    }
+    return side.count;
+}
+
+/* Across its longest side, in the middle. */
+static void tell_in_two(Search *s, const Polygon *p) {
+    double longest = 0, g[3] = {0};
+    for (uint32_t k = 0; k < p->n; k++) {
+        const uint32_t next = k + 1 < p->n ? k + 1 : 0;
+        const double ds = p->s[next] - p->s[k], dt = p->t[next] - p->t[k];
+        if (!(ds * ds + dt * dt > longest)) continue;
+        longest = ds * ds + dt * dt;
+        g[0] = ds, g[1] = dt, g[2] = -0.5 * (ds * (p->s[next] + p->s[k]) + dt * (p->t[next] + p->t[k]));
+    }
+    Polygon half[2];
+    cover_split(p, g, SIDE_FIXED, &half[0], &half[1]);
+    for (int i = 0; i < 2; i++)
+        if (half[i].n < p->n + 2) told_piece(s, &half[i]);
+}
+
+void told_piece(Search *s, const Polygon *p) {
+    double area = 0, centre[2] = {0, 0};
+    for (uint32_t k = 1; k + 1 < p->n; k++) {
+        const double as = p->s[k] - p->s[0], at = p->t[k] - p->t[0], bs = p->s[k + 1] - p->s[0],
+                     bt = p->t[k + 1] - p->t[0], part = 0.5 * (as * bt - at * bs);
+        area += part, centre[0] += part * (as + bs) / 3, centre[1] += part * (at + bt) / 3;
+    }
+    if (!(area > 0) || !room_for_piece(s->store)) return;
+    const uint32_t sides = tell_sides(s, p);
+    if (sides > SLT_PIECE_MAX_SIDES) tell_in_two(s, p);
+    else
+        tell(s, s->store->facet.data[p->facet].triangle, area, p->s[0] + centre[0] / area, p->t[0] + centre[1] / area,
+             sides);
+}

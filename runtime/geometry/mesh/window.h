@@ -1,0 +1,139 @@
+/* What the search for pieces works on: windows, triangles in them, polygons; the store of the thread. */
+#ifndef SALTUS_MESH_WINDOW_H
+#define SALTUS_MESH_WINDOW_H
+
+#include "pieces.h"
+#include "saltus/mesh.h"
+
+typedef struct Window {
+    double eye[3], u[3], v[3], c[3];
+    double plane[3]
+                [3]; /* rows of the inverse of (u v c) times |its determinant|: w s, w t, w of a point, w > 0 ahead */
+} Window;
+
+typedef struct Rectangle {
+    double lo[2], hi[2];
+} Rectangle;
+
+/* Triangles that windows of one eye may see, eight in a row. A place without one has number -1. */
+typedef struct Eight {
+    double normal[3][3][8];    /* [edge][axis]: d . normal is g, positive inside */
+    double depth[3][8];        /* d . depth is 1 / t */
+    double lo[2][8], hi[2][8]; /* where it lies in the window that they were listed for */
+    double least[2], most[2];  /* of lo, hi */
+    int32_t triangle[8];
+    uint32_t turned; /* bit i: edges run from their second corner to their first for g to be positive inside */
+} Eight;
+
+/* A triangle in a window. */
+typedef struct Facet {
+    double g[3][3], depth[3];
+    double least, most;  /* of 1 / t at the corners of what is looked at */
+    double lo[2], hi[2]; /* where it lies, if it is asked */
+    int32_t triangle;
+    bool turned, fills; /* fills: all that is looked at */
+} Facet;
+
+/* Where two facets cross. */
+typedef struct Crossing {
+    double g[3];
+    int32_t a, b; /* triangles: g is 1 / t of a less that of b */
+} Crossing;
+
+/* Which line a side lies on: one that does not move, edge k of a facet, a crossing. */
+#define SIDE_FIXED 0u
+#define SIDE_OF(facet, k) (1 + 3 * (facet) + (k))
+#define SIDE_CROSSING 0x80000000u
+
+enum {
+    CORNERS = 20, /* of a polygon, at most; one that is kept has at most KEPT */
+    KEPT = 12
+};
+#define ON_LINE 2e-13 /* of a window's side: nearer to a line is on it */
+#define SAME_DEPTH 1e-11
+
+/* Counter-clockwise in (s, t). Side k goes from corner k to the next. */
+typedef struct Polygon {
+    int32_t facet; /* -1: nothing is seen here */
+    uint32_t n;
+    double least; /* of 1 / t at the corners */
+    double s[CORNERS], t[CORNERS];
+    uint32_t side[CORNERS];
+} Polygon;
+
+#define ROW(type) \
+    struct { \
+        type *data; \
+        uint32_t n, room; \
+    }
+
+typedef struct Unit {
+    double number[SLT_TOLD];
+} Unit;
+
+typedef struct Store {
+    Unit *unit; /* the number of the last unit, then n units, of floats half as long */
+    uint32_t n, room;
+    bool lost; /* something did not fit */
+    ROW(int32_t) list;
+    ROW(Eight) eight;
+    ROW(Facet) facet;
+    ROW(uint32_t) chosen; /* facets of a part of the window */
+    ROW(Crossing) crossing;
+    ROW(Polygon) piece;
+} Store;
+
+/* Room for `more`; false: there is none, which the store remembers. */
+bool window_room(Store *s, void *row, uint32_t n, uint32_t *room, uint32_t more, size_t size);
+#define PUSH(store, row, value) \
+    (window_room(store, &(row).data, (row).n, &(row).room, 1, sizeof *(row).data) \
+         ? ((row).data[(row).n++] = (value), true) \
+         : false)
+
+/* A search in progress. */
+typedef struct Search {
+    const PieceScene *scene;
+    Store *store;
+    bool f64;
+    Window window;
+    uint32_t first, last; /* units of pieces; 0: none yet */
+} Search;
+
+/* facets.inc.h. `list` fills store->eight with the triangles in the frustum of a rectangle of a window; `survey` fills
+ * store->facet with those of them that s->window may see, which lies in rectangle `within` of that one, nearest first
+ * unless they are many. */
+typedef struct FacetSearch {
+    void (*list)(Search *s, const Window *window, const Rectangle *r);
+    void (*survey)(Search *s, const Rectangle *within);
+} FacetSearch;
+
+static inline double window_at(const double g[3], double s, double t) { return g[0] * s + g[1] * t + g[2]; }
+static inline double window_dot(const double a[3], const double b[3]) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+static inline void window_cross(const double a[3], const double b[3], double out[3]) {
+    for (int i = 0; i < 3; i++) {
+        const int j = (i + 1) % 3, k = (i + 2) % 3;
+        out[i] = a[j] * b[k] - a[k] * b[j];
+    }
+}
+/* A vertex from the eye. */
+static inline void window_vertex(const Search *s, int32_t vertex, double out[3]) {
+    const size_t at = 3 * (size_t)vertex;
+    for (size_t a = 0; a < 3; a++)
+        out[a] =
+            (s->f64 ? ((const double *)s->scene->values)[at + a] : (double)((const float *)s->scene->values)[at + a]) -
+            s->window.eye[a];
+}
+
+/* cover.c: store->piece becomes what is seen in a rectangle of facets chosen[from], ..., nearest first. */
+void cover_all(Store *store, const Rectangle *r, uint32_t from, uint32_t n);
+/* What lies on either side of the line g = 0; in: where it is positive. */
+void cover_split(const Polygon *p, const double g[3], uint32_t side, Polygon *in, Polygon *out);
+
+/* told.c */
+Store *told_store(void); /* of the thread; NULL: out of memory */
+void told_whole(Search *s, const Facet *f);
+void told_piece(Search *s, const Polygon *p);
+
+#endif

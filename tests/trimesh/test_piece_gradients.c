@@ -1,0 +1,325 @@
+/* Derivatives of visible pieces against differences of the value, in f64 and f32, forwards and backwards; the same bits
+ * of values whatever runs the program, of derivatives for any number of threads. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#include "saltus/saltus.h"
+#include "tests/trimesh/scene.h"
+
+enum { MOST_FLOATS = 3 * SCENE_VERTICES + SLT_BEAM_ROWS };
+
+/* Everything a piece has, weighed by what differs between pieces. */
+static const char everything[] =
+    "    float sum = 0.0;\n"
+    "    for (Piece q = m.first(b); q.found; q = m.next(q))\n"
+    "        sum += q.area * (1.0 + 0.3 * float(q.tri % 5) + q.centre.x * 0.4 - q.centre.y + q.centre.x * q.centre.y\n"
+    "                         + 0.2 * q.p.z + 0.1 * q.p.x * q.p.y + 0.5 * q.normal.x - 0.3 * q.normal.z);\n"
+    "    return sum;\n";
+static const char fixed_beam[] = "b.eye = eye; b.corner = corner; b.u = u; b.v = v;";
+static const char beam_by_pixel[] =
+    "b.eye = eye; b.corner = corner + x.x * u + x.y * v; b.u = u / 24.0; b.v = v / 24.0;";
+
+static void write_mesh(const Scene *s, char path[32]) {
+    snprintf(path, 32, "pieces-%ld.obj", (long)getpid());
+    FILE *f = fopen(path, "w");
+    assert_non_null(f);
+    for (uint32_t i = 0; i < s->nvertices; i++)
+        fprintf(f, "v %.17g %.17g %.17g\n", s->at[i][0], s->at[i][1], s->at[i][2]);
+    for (uint32_t i = 0; i < s->nfaces; i++)
+        fprintf(f, "f %d %d %d\n", (int)s->face[i][0] + 1, (int)s->face[i][1] + 1, (int)s->face[i][2] + 1);
+    assert_int_equal(fclose(f), 0);
+}
+
+static SltProgram *compile(const Scene *s, const char *beam, const char *body, const SltOptions *how) {
+    SltOptions opt = *how;
+    SltProgram *p;
+    char path[32], source[4096];
+    static const char *const name[] = {"eye", "corner", "u", "v"};
+    write_mesh(s, path);
+    int n = snprintf(source, sizeof source, "param mesh m = \"%s\";\n", path);
+    for (int k = 0; k < 4; k++)
+        n += snprintf(source + n, sizeof source - (size_t)n, "param float3 %s = float3(%.17g, %.17g, %.17g);\n",
+                      name[k], s->beam[3 * k], s->beam[3 * k + 1], s->beam[3 * k + 2]);
+    snprintf(source + n, sizeof source - (size_t)n, "shader float main(float2 x) {\n    Beam b; %s\n%s}\n", beam, body);
+    opt.stdlib_dir = SALTUS_STDLIB_BUILD, opt.no_cache = true;
+    SltStatus status = slt_compile_string(source, "t.salt", &opt, &p);
+    assert_int_equal(remove(path), 0);
+    if (status != SLT_OK) fail_msg("%s%s", slt_diagnostics_text(p), slt_last_error(p));
+    return p;
+}
+
+static SltOptions precision(bool f64) {
+    SltOptions opt = SLT_OPTIONS_INIT;
+    opt.f64 = f64;
+    return opt;
+}
+
+static double value_at(SltProgram *p, const double *floats) {
+    SltJob job = SLT_JOB_INIT;
+    SltError err = {0};
+    double out;
+    job.floats = floats;
+    if (slt_eval(p, &job, 1, (const double[]){0.5, 0.5}, NULL, &out, NULL, &err) != SLT_OK) fail_msg("%s", err.text);
+    return out;
+}
+
+static void gradient_of(SltProgram *p, double *gradient) {
+    SltJob job = SLT_JOB_INIT;
+    SltIntegral out = SLT_INTEGRAL_INIT;
+    SltError err = {0};
+    job.samples = 4, job.estimator = SLT_EST_LATTICE;
+    out.gradient = gradient;
+    if (slt_grad_integral(p, &job, &out, NULL, &err) != SLT_OK) fail_msg("%s", err.text);
+}
+
+/* Central, of the fourth order. */
+static double difference(SltProgram *p, double *floats, uint32_t i, double step) {
+    const double was = floats[i];
+    double f[4];
+    for (int k = 0; k < 4; k++) {
+        floats[i] = was + step * (k < 2 ? k - 2 : k - 1);
+        f[k] = value_at(p, floats);
+    }
+    floats[i] = was;
+    return (f[0] - f[3] + 8 * (f[2] - f[1])) / (12 * step);
+}
+
+static void set_beam(Scene *s, double eye_z, double corner_x, double u_x) {
+    const double beam[SLT_BEAM_ROWS] = {0.1, 0.2, eye_z, corner_x, -1, eye_z - 2, u_x, 0.1, 0, 0.05, 2, 0.2};
+    memcpy(s->beam, beam, sizeof beam);
+}
+
+/* Largest |derivative - difference| over the largest |difference|. */
+static double worst(const Scene *s, const char *body) {
+    SltOptions opt = precision(true);
+    SltProgram *p = compile(s, fixed_beam, body, &opt);
+    const uint32_t n = slt_float_count(p);
+    static double floats[MOST_FLOATS], gradient[MOST_FLOATS];
+    assert_true(n <= MOST_FLOATS);
+    memcpy(floats, slt_floats(p), n * sizeof *floats);
+    gradient_of(p, gradient);
+    double most = 0, scale = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        double d = difference(p, floats, i, 2e-5);
+        most = fmax(most, fabs(d - gradient[i])), scale = fmax(scale, fabs(d));
+    }
+    slt_program_free(p);
+    assert_true(scale > 1e-3);
+    return most / scale;
+}
+
+static void test_differences(void **state) {
+    (void)state;
+    uint64_t seed = 11;
+    for (uint32_t round = 0; round < 8; round++) {
+        static Scene s;
+        s = (Scene){0};
+        scene_soup(&s, 3 + 2 * round, 1.6, &seed);
+        set_beam(&s, round % 4 == 3 ? 0 : 3, round % 4 == 2 ? 1 : -1,
+                 round % 4 == 2 ? -2 : 2); /* 3: inside, 2: mirrored */
+        double error = worst(&s, everything);
+        if (!(error < 1e-8)) fail_msg("scene %u: %g", round, error);
+    }
+}
+
+static void test_single(void **state) {
+    (void)state;
+    uint64_t seed = 12;
+    static Scene s;
+    s = (Scene){0};
+    scene_soup(&s, 9, 1.6, &seed);
+    set_beam(&s, 3, -1, 2);
+    static double wide[MOST_FLOATS], narrow[MOST_FLOATS];
+    for (int f64 = 0; f64 < 2; f64++) {
+        SltOptions opt = precision(f64);
+        SltProgram *p = compile(&s, fixed_beam, everything, &opt);
+        gradient_of(p, f64 ? wide : narrow);
+        slt_program_free(p);
+    }
+    double most = 0, scale = 0;
+    for (uint32_t i = 0; i < 3 * s.nvertices + SLT_BEAM_ROWS; i++)
+        most = fmax(most, fabs(wide[i] - narrow[i])), scale = fmax(scale, fabs(wide[i]));
+    if (!(most < 1e-4 * scale)) fail_msg("%g", most / scale);
+}
+
+/* ---- flat subdivision: an edge's line goes on along the next edge */
+
+/* Each face in four, each new vertex in the middle of two: between[k] are those of vertex before + k. */
+static void subdivide(const Scene *s, Scene *out, int32_t (*between)[2]) {
+    *out = *s;
+    out->nfaces = 0;
+    uint32_t n = 0;
+    for (uint32_t f = 0; f < s->nfaces; f++) {
+        const int32_t *corner = s->face[f];
+        int32_t middle[3];
+        for (int k = 0; k < 3; k++) {
+            const int32_t a = corner[k], b = corner[(k + 1) % 3];
+            uint32_t i = 0;
+            while (i < n && !((between[i][0] == a && between[i][1] == b) || (between[i][0] == b && between[i][1] == a)))
+                i++;
+            middle[k] = (int32_t)(s->nvertices + i);
+            if (i < n) continue;
+            between[n][0] = a, between[n][1] = b, n++;
+            scene_vertex(out, 0.5 * (s->at[a][0] + s->at[b][0]), 0.5 * (s->at[a][1] + s->at[b][1]),
+                         0.5 * (s->at[a][2] + s->at[b][2]));
+        }
+        for (int k = 0; k < 3; k++) scene_face(out, corner[k], middle[k], middle[(k + 2) % 3]);
+        scene_face(out, middle[0], middle[1], middle[2]);
+    }
+}
+
+/* Linear in the centre, so that no subdivision changes the value. */
+static const char linear[] = "    float sum = 0.0;\n"
+                             "    for (Piece q = m.first(b); q.found; q = m.next(q))\n"
+                             "        sum += q.area * (1.0 + 0.3 * float((q.tri / FACES) % 5) + q.centre.x * 0.4\n"
+                             "                         - q.centre.y + 0.5 * q.normal.x - 0.3 * q.normal.z);\n"
+                             "    return sum;\n";
+
+static const char *linear_of(int faces, char body[1024]) {
+    memcpy(body, linear, sizeof linear);
+    memcpy(strstr(body, "FACES"), faces == 1 ? "    1" : faces == 4 ? "    4" : "   16", 5);
+    return body;
+}
+
+static uint32_t gradient_of_linear(const Scene *s, int faces, double *gradient) {
+    SltOptions opt = precision(true);
+    char body[1024];
+    SltProgram *p = compile(s, fixed_beam, linear_of(faces, body), &opt);
+    const uint32_t n = slt_float_count(p);
+    gradient_of(p, gradient);
+    slt_program_free(p);
+    return n;
+}
+
+/* A ball before a plate of two faces, one through the other at its border. */
+static void ball_and_plate(Scene *s) {
+    static const double corner[6][3] = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
+    *s = (Scene){0};
+    for (int i = 0; i < 6; i++)
+        scene_vertex(s, 0.7 * corner[i][0] + 0.03 * corner[i][1], 0.6 * corner[i][1] + 0.1 * corner[i][2],
+                     0.5 * corner[i][2] - 0.1 * corner[i][0]);
+    for (int i = 0; i < 8; i++) {
+        const int32_t x = i & 1, y = 2 + (i >> 1 & 1), z = 4 + (i >> 2 & 1);
+        const bool odd = ((x + y + z) & 1) != 0;
+        scene_face(s, x, odd ? z : y, odd ? y : z);
+    }
+    const int32_t a = scene_vertex(s, -0.9, -0.8, -0.5), b = scene_vertex(s, 1.1, -0.85, -0.3),
+                  c = scene_vertex(s, 0.95, 0.9, -0.6), d = scene_vertex(s, -0.85, 0.8, 0.2);
+    scene_face(s, a, b, c), scene_face(s, a, c, d);
+    set_beam(s, 3, -1, 2);
+}
+
+static void test_subdivided(void **state) {
+    (void)state;
+    static Scene level[3];
+    static int32_t between[2][SCENE_VERTICES][2];
+    static double want[MOST_FLOATS], got[MOST_FLOATS];
+    ball_and_plate(&level[0]);
+    const uint32_t n = gradient_of_linear(&level[0], 1, want);
+    double scale = 0;
+    for (uint32_t i = 0; i < n; i++) scale = fmax(scale, fabs(want[i]));
+    for (int k = 1; k < 3; k++) {
+        subdivide(&level[k - 1], &level[k], between[k - 1]);
+        gradient_of_linear(&level[k], k == 1 ? 4 : 16, got);
+        if (k == 1) { /* a vertex between two edges that are one line moves them apart */
+            double error = worst(&level[k], linear_of(4, (char[1024]){0}));
+            if (!(error < 1e-6)) fail_msg("%g", error);
+        }
+        /* Back to the vertices that those of the finer mesh are made from. */
+        for (int fine = k; fine > 0; fine--)
+            for (uint32_t v = level[fine].nvertices; v-- > level[fine - 1].nvertices;)
+                for (int a = 0; a < 3; a++) {
+                    const int32_t *of = between[fine - 1][v - level[fine - 1].nvertices];
+                    for (int i = 0; i < 2; i++) got[3 * of[i] + a] += 0.5 * got[3 * v + (uint32_t)a];
+                }
+        memmove(got + 3 * level[0].nvertices, got + 3 * level[k].nvertices, SLT_BEAM_ROWS * sizeof *got);
+        for (uint32_t i = 0; i < n; i++)
+            if (!(fabs(got[i] - want[i]) < 1e-6 * scale))
+                fail_msg("level %d, component %u: %.12g, %.12g", k, i, got[i], want[i]);
+    }
+}
+
+/* ---- what runs it */
+
+enum { SIZE = 24 };
+
+static void image_and_gradient(SltProgram *p, uint32_t threads, float *image, double *gradient) {
+    SltJob job = SLT_JOB_INIT;
+    SltError err = {0};
+    static float ones[SIZE * SIZE];
+    for (int i = 0; i < SIZE * SIZE; i++) ones[i] = 1 + 0.01f * (float)i;
+    job.size[0] = job.size[1] = SIZE, job.spp = 1, job.threads = threads, job.centred = true;
+    job.estimator = SLT_EST_LATTICE;
+    if (slt_render(p, &job, image, NULL, &err) != SLT_OK) fail_msg("%s", err.text);
+    if (slt_grad_adjoint(p, &job, ones, gradient, NULL, NULL, &err) != SLT_OK) fail_msg("%s", err.text);
+}
+
+static void test_same_bits(void **state) {
+    (void)state;
+    uint64_t seed = 13;
+    static Scene s;
+    s = (Scene){0};
+    scene_soup(&s, 40, 0.9, &seed);
+    set_beam(&s, 3, -1, 2);
+    for (int f64 = 0; f64 < 2; f64++) {
+        static float image[2][SIZE * SIZE];
+        static double gradient[2][MOST_FLOATS];
+        static const uint32_t width[] = {1, 4, 8, 16, 32, 64, 16};
+        for (uint32_t k = 0; k < 7; k++) {
+            SltOptions opt = precision(f64);
+            opt.width = width[k], opt.interpret = k == 6;
+            SltProgram *p = compile(&s, beam_by_pixel, everything, &opt);
+            const size_t n = slt_float_count(p) * sizeof(double);
+            image_and_gradient(p, 1, image[k > 0], gradient[0]);
+            assert_memory_equal(image[0], image[k > 0], sizeof image[0]);
+            for (uint32_t threads = 2; threads <= 7 && k == 4; threads++) {
+                image_and_gradient(p, threads, image[1], gradient[1]);
+                assert_memory_equal(image[0], image[1], sizeof image[0]);
+                assert_memory_equal(gradient[0], gradient[1], n);
+            }
+            slt_program_free(p);
+        }
+    }
+}
+
+static void test_forwards(void **state) {
+    (void)state;
+    uint64_t seed = 14;
+    static Scene s;
+    s = (Scene){0};
+    scene_soup(&s, 30, 0.9, &seed);
+    set_beam(&s, 3, -1, 2);
+    SltOptions opt = precision(true);
+    SltProgram *p = compile(&s, beam_by_pixel, everything, &opt);
+    static float image[SIZE * SIZE], tangent[SIZE * SIZE];
+    static double gradient[MOST_FLOATS], direction[MOST_FLOATS];
+    image_and_gradient(p, 2, image, gradient);
+    double backwards = 0, forwards = 0, size = 0;
+    for (uint32_t i = 0; i < slt_float_count(p); i++)
+        direction[i] = scene_uniform(&seed) - 0.5, backwards += gradient[i] * direction[i];
+    SltJob job = SLT_JOB_INIT;
+    SltError err = {0};
+    job.size[0] = job.size[1] = SIZE, job.spp = 1, job.centred = true, job.estimator = SLT_EST_LATTICE;
+    if (slt_grad_images(p, &job, 1, (const double *[]){direction}, (float *[]){tangent}, NULL, NULL, &err) != SLT_OK)
+        fail_msg("%s", err.text);
+    for (int i = 0; i < SIZE * SIZE; i++) {
+        double part = (1 + 0.01f * (float)i) * (double)tangent[i];
+        forwards += part, size += fabs(part);
+    }
+    if (!(fabs(forwards - backwards) < 1e-6 * size)) fail_msg("%.17g %.17g", forwards, backwards);
+    slt_program_free(p);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_differences), cmocka_unit_test(test_single),
+                                       cmocka_unit_test(test_subdivided), cmocka_unit_test(test_same_bits),
+                                       cmocka_unit_test(test_forwards)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
