@@ -31,6 +31,8 @@ static const char *site_kind_name(SiteKind k) {
     case SITE_MESH: return "silhouette";
     case SITE_SHADOW:
     case SITE_MESH_SHADOW: return "shadow";
+    case SITE_MESH_FACE: return "edge of faces";
+    case SITE_MESH_SEAM: return "seam";
     }
     return "?";
 }

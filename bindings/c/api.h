@@ -37,13 +37,13 @@ struct SltProgram {
     uint32_t most_site_size;      /* VariantOptions.most_site_size */
     bool ready;                   /* compiled, with values: else only diagnostics may be asked for */
 
-    double *floats;     /* [nfloats]: the values; of derived arrays the last that were computed */
-    void *flt;          /* flt[nfloats]: the values in the program's precision; while flt_lent those of the last call */
-    bool flt_lent;      /* the last call had values of its own (SltJob.floats) */
-    int32_t *ints;      /* [nints] */
+    double *floats; /* [nfloats]: the values; of derived arrays the last that were computed */
+    void *flt;      /* flt[nfloats]: the values in the program's precision; while flt_lent those of the last call */
+    bool flt_lent;  /* the last call had values of its own (SltJob.floats) */
+    int32_t *ints;  /* [nints] */
     const int32_t *lent_ints; /* [nints]: those of the call in hand, where it has its own (SltJob.ints); else NULL */
-    uint8_t *wrt;       /* [nfloats]: 1 where a gradient is wanted */
-    bool *asset_loaded; /* by parameter: its file has been read */
+    uint8_t *wrt;             /* [nfloats]: 1 where a gradient is wanted */
+    bool *asset_loaded;       /* by parameter: its file has been read */
 
     SltScene scene;      /* what the runtime sees; points into the members below */
     Fn *fn[K_KINDS];     /* IR of the kernels compiled so far */
@@ -65,12 +65,12 @@ struct SltProgram {
     int8_t *edge_argmin;  /* likewise; NULL: none is */
     uint8_t *edge_kind;   /* by edge; NULL until a kernel that knows edges was asked for */
     uint32_t nedges;
-    bool flat, told, chunked;       /* see SltScene */
-    uint8_t *dense;                 /* [nfloats]: 1 where some reverse kernel adds to adj */
-    const SltGeometry **geometries; /* [prog->ngeometries]; NULL: no compiled kernel asks it anything */
-    uint32_t *geometry_base;        /* [prog->ngeometries]: where in flt its numbers begin */
-    GeometryState *geometry_state;  /* [prog->ngeometries] */
-    DerivedState *derived;          /* [prog->nderived] */
+    bool flat, told, chunked;         /* see SltScene */
+    uint8_t *dense;                   /* [nfloats]: 1 where some reverse kernel adds to adj */
+    const SltGeometry **geometries;   /* [prog->ngeometries]; NULL: no compiled kernel asks it anything */
+    uint32_t *geometry_base;          /* [prog->ngeometries]: where in flt its numbers begin */
+    GeometryState *geometry_state;    /* [prog->ngeometries] */
+    DerivedState *derived;            /* [prog->nderived] */
     struct SltDerived *derived_scene; /* likewise: what the runtime sees */
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n,
                   uint32_t lane); /* SltKernelArgs.print; NULL: silent */

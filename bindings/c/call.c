@@ -115,9 +115,7 @@ SltStatus api_call_begin(ApiCall *c, SltProgram *p, const SltJob *job, SltStats 
     return take_ints(p, c->job.ints, &c->ints, err);
 }
 
-SltStatus api_call_kernels(ApiCall *c, const bool needs[K_KINDS]) {
-    return api_kernels(c->p, needs, c->err);
-}
+SltStatus api_call_kernels(ApiCall *c, const bool needs[K_KINDS]) { return api_kernels(c->p, needs, c->err); }
 
 SltStatus api_call_end(ApiCall *c, SltStatus status) {
     SltProgram *p = c->p;

@@ -1,5 +1,5 @@
-/* Derived arrays (compiler/front/front.h): their kernels, compiled when the shader's first are, and their numbers, which
- * follow what they are computed from. */
+/* Derived arrays (compiler/front/front.h): their kernels, compiled when the shader's first are, and their numbers,
+ * which follow what they are computed from. */
 #include "bindings/c/derived.h"
 
 #include <stdlib.h>
@@ -27,7 +27,8 @@ void api_derived_mark(const SltProgram *p, uint8_t *wrt) {
     for (uint32_t d = 0; d < p->prog->nderived; d++) {
         const Derived *of = &p->prog->derived[d];
         bool moves = false;
-        for (uint32_t f = 0; f < of->base && !moves; f++) moves = wrt[f] && p->derived[d].reaches[f >> 3] >> (f & 7) & 1;
+        for (uint32_t f = 0; f < of->base && !moves; f++)
+            moves = wrt[f] && p->derived[d].reaches[f >> 3] >> (f & 7) & 1;
         memset(wrt + of->base, moves, 3 * (size_t)of->n);
     }
 }
@@ -71,7 +72,8 @@ SltStatus api_derived_follow(SltProgram *p, const int32_t *ints, SltError *err) 
         for (uint32_t i = of->base; ok && i < of->base + 3 * of->n; i++)
             p->floats[i] = p->opt.f64 ? ((const double *)flt)[i] : (double)((const float *)flt)[i];
         free(flt);
-        if (!ok) return status_fail(err, SLT_LIMIT, "out of memory for the %s of `%s`", of->what, g->params[of->param].name);
+        if (!ok)
+            return status_fail(err, SLT_LIMIT, "out of memory for the %s of `%s`", of->what, g->params[of->param].name);
         api_flt_from(p, p->floats, of->base, 3 * of->n);
         state->stale = false, state->computed++;
     }
@@ -101,11 +103,8 @@ static void compile(Request *q, uint32_t d, int kind) {
     DerivedState *state = &p->derived[d];
     SltScene *scene = &p->derived_scene[d].scene;
     KernelRequest r = {kernel_names[kind], state->fn[kind]};
-    BackOptions bo = {.target = p->target,
-                      .width = p->opt.width,
-                      .adj = ADJ_FLAT,
-                      .no_cache = p->opt.no_cache,
-                      .opt_level = 2};
+    BackOptions bo = {
+        .target = p->target, .width = p->opt.width, .adj = ADJ_FLAT, .no_cache = p->opt.no_cache, .opt_level = 2};
     const char *why = NULL;
     bool cached;
     double emit, llvm;
@@ -140,23 +139,22 @@ static void build(Session *s, void *user) {
         PassCtx passes = p->passes;
         passes.program = NULL;
         pipeline_kernels(&passes, of->of, needs, NULL, &ad, &set);
-        *scene = (SltScene){.f64 = p->opt.f64,
-                            .flat_adj = true,
-                            .dim = 1,
-                            .channels = 3,
-                            .hi = {1},
-                            .nfloats = p->prog->nfloats,
-                            .nints = p->prog->nints,
-                            .width = scene->width,
-                            .widest = scene->widest,
-                            .tape_bytes = scene->tape_bytes,
-                            .dense = scene->dense,
-                            .kernel = {[K_VALUE] = scene->kernel[K_VALUE],
-                                       [K_JVP] = scene->kernel[K_JVP],
-                                       [K_VJP] = scene->kernel[K_VJP]},
-                            .layout = {[K_VALUE] = scene->layout[K_VALUE],
-                                       [K_JVP] = scene->layout[K_JVP],
-                                       [K_VJP] = scene->layout[K_VJP]}};
+        *scene = (SltScene){
+            .f64 = p->opt.f64,
+            .flat_adj = true,
+            .dim = 1,
+            .channels = 3,
+            .hi = {1},
+            .nfloats = p->prog->nfloats,
+            .nints = p->prog->nints,
+            .width = scene->width,
+            .widest = scene->widest,
+            .tape_bytes = scene->tape_bytes,
+            .dense = scene->dense,
+            .kernel =
+                {[K_VALUE] = scene->kernel[K_VALUE], [K_JVP] = scene->kernel[K_JVP], [K_VJP] = scene->kernel[K_VJP]},
+            .layout = {
+                [K_VALUE] = scene->layout[K_VALUE], [K_JVP] = scene->layout[K_JVP], [K_VJP] = scene->layout[K_VJP]}};
         if (p->opt.interpret) scene->call = interpret, scene->call_user = state;
         p->derived_scene[d].base = of->base, p->derived_scene[d].n = of->n;
         for (int k = 0; k < K_KINDS && q->status == SLT_OK; k++) {

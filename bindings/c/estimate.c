@@ -214,8 +214,7 @@ SltStatus slt_grad_loss(SltProgram *p, const SltJob *job, const float *target, c
         OneRow row;
         double *all = gradient, *errors = stderr_bound;
         s = row_begin(p, &row, &all, &errors, err);
-        if (s == SLT_OK)
-            s = slt_estimate_loss(&p->scene, &c.job, target, mask, loss, all, errors, image, c.stats, err);
+        if (s == SLT_OK) s = slt_estimate_loss(&p->scene, &c.job, target, mask, loss, all, errors, image, c.stats, err);
         s = row_end(p, &row, s, err);
     }
     if (s == SLT_OK) s = api_steep(&c, NULL, spent(&c, before));
@@ -244,7 +243,7 @@ typedef struct IntegralRows {
 } IntegralRows;
 
 static void integral_rows(SltIntegral *v, double **of[INTEGRAL_ROWS], bool errors[INTEGRAL_ROWS]) {
-    double **const all[INTEGRAL_ROWS] = {&v->gradient, &v->interior,        &v->boundary,
+    double **const all[INTEGRAL_ROWS] = {&v->gradient,        &v->interior,        &v->boundary,
                                          &v->missed_estimate, &v->gradient_stderr, &v->left_bound};
     for (int k = 0; k < INTEGRAL_ROWS; k++) of[k] = all[k], errors[k] = k >= 4;
 }

@@ -49,8 +49,8 @@ static SltStatus list_edges(const SltFit *f, const char *name, uint32_t vertices
 }
 
 /* The edges that the grid has instead of its four neighbours, malloc'd; none of a plain grid. */
-static SltStatus find_edges(const SltFit *f, const char *name, const Param *of, const uint32_t size[3],
-                            OptimiseGrid *g, SltError *err) {
+static SltStatus find_edges(const SltFit *f, const char *name, const Param *of, const uint32_t size[3], OptimiseGrid *g,
+                            SltError *err) {
     uint32_t *edges = NULL;
     SltStatus status = SLT_OK;
     if (of->is_mesh) {

@@ -99,7 +99,7 @@ void fit_use_view(SltFit *f, const View *v, SltJob *job) {
     if (v->share.p) fit_share_values(&v->share, f->p);
     if (!v->nvalues) return;
     memcpy(f->own_floats, v->p->floats, program_floats(v->p->prog) * sizeof(double));
-    memcpy(f->own_ints, v->p->ints, v->p->prog->nints * sizeof(int32_t));
+    memcpy(f->own_ints, v->p->ints, slt_int_count(v->p) * sizeof(int32_t));
     for (uint32_t k = 0; k < v->nvalues; k++) {
         const OwnValue *o = &v->values[k];
         memcpy(f->own_floats + o->at.fbase, o->floats, o->at.fcount * sizeof(double));

@@ -66,12 +66,12 @@ typedef struct Untracked {
  * mesh's vertices are, its normals. Its numbers lie behind those of all parameters; kernels, derivatives and geometries
  * take it for one, and what a derivative in its numbers is worth in the parameters, its own program says. */
 typedef struct Derived {
-    const char *what;    /* "placed vertices" */
-    uint32_t param;      /* of the mesh: index in Program.params */
-    uint32_t base, n;    /* its slice of the float vector: n times 3 */
-    struct Program *of;  /* of element k0, the only input: three channels */
+    const char *what;        /* "placed vertices" */
+    uint32_t param;          /* of the mesh: index in Program.params */
+    uint32_t base, n;        /* its slice of the float vector: n times 3 */
+    struct Program *of;      /* of element k0, the only input: three channels */
     uint32_t *reads, nreads; /* parameters with floats that it depends on, through other arrays too */
-    bool reads_ints;     /* a parameter's integers */
+    bool reads_ints;         /* a parameter's integers */
 } Derived;
 
 typedef struct Program {
@@ -91,7 +91,7 @@ typedef struct Program {
     Fn *primal;         /* outputs: the channels; MATH rows, custom regions and sites in place */
     uint64_t init_fuel; /* instructions left for all initialiser functions, so that compiling ends */
     bool uses_rand, uses_pixel, uses_prints;
-    bool of_elements; /* of a derived array: the position is the number of an element */
+    bool of_elements;         /* of a derived array: the position is the number of an element */
     GeometryInfo *geometries; /* those that some query searches: the others need no structure */
     uint32_t ngeometries;
     Derived *derived; /* in order: each may read those before it */

@@ -60,7 +60,7 @@ typedef enum SiteKind {
 #include "saltus/kernel.def"
 } SiteKind;
 /* Sites of a ray that meets a mesh, whose g is that of a line which `event` has found. */
-static inline bool ir_site_of_mesh(SiteKind kind) { return kind == SITE_MESH || kind == SITE_MESH_SHADOW; }
+static inline bool ir_site_of_mesh(SiteKind kind) { return kind >= SITE_MESH && kind <= SITE_MESH_SHADOW; }
 /* Sites of a ray that meets a geometry: also those whose g looks along a window of the ray. */
 static inline bool ir_site_of_ray(SiteKind kind) {
     return kind == SITE_SILHOUETTE || kind == SITE_SHADOW || ir_site_of_mesh(kind);

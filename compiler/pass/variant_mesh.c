@@ -36,12 +36,36 @@ MeshLine variant_mesh_line(Fn *fn, Inst *site) {
     return line;
 }
 
+static bool is_none(const Inst *i) { return i->op == OP_consti && i->imm.i == SLT_WITNESS_NONE; }
+
+/* Does anything use what a ray has met, `found`, but to ask whether there is anything, and (as the number `face`) for a
+ * line? */
+static bool looks(const Block *b, const Inst *found, const Inst *face) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        for (uint32_t a = 0; a < i->nargs; a++) {
+            bool asks = (i->op == OP_ieq || i->op == OP_ine) && is_none(i->args[1 - a]);
+            if (i->args[a] == found && i != face && !asks) return true;
+            if (i->args[a] == face && !variant_asks_line(i)) return true;
+        }
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (looks(i->region[r], found, face)) return true;
+    }
+    return false;
+}
+
+SiteKind variant_mesh_kind(Fn *fn, Inst *site) {
+    SiteKind kind = variant_site_info(fn, site)->kind;
+    if (kind != SITE_MESH) return kind;
+    const Inst *face = variant_mesh_line(fn, site).number[0]->args[SLT_PAIR_FACE];
+    return face->op != OP_i2f || looks(fn->body, face->args[0], face) ? SITE_MESH : SITE_MESH_SHADOW;
+}
+
 static Inst *partner(Builder *b, Inst *v) { return ir_special(b, OP_partner, (IrType)v->type, 1, &v, (Imm){0}); }
 
 /* Do the rays of the pair hit different faces? Of shadows: does one of them hit nothing? */
 static Inst *faces_differ(Builder *b, const Inst *query, SiteKind kind) {
     Inst *face = query->args[SLT_PAIR_FACE], *other = partner(b, face), *zero = ir_constf(b, 0);
-    if (kind == SITE_MESH) return ir_emit2(b, OP_fne, face, other);
+    if (kind != SITE_MESH_SHADOW) return ir_emit2(b, OP_fne, face, other);
     return ir_emit2(b, OP_bxor, ir_emit2(b, OP_flt, face, zero), ir_emit2(b, OP_flt, other, zero));
 }
 
@@ -94,10 +118,9 @@ void variant_mesh_inputs(Fn *fn) {
     walk_resolve_forwards(fn->body);
 }
 
-bool variant_has_faces(const Fn *fn) { return variant_has_site(fn, SITE_MESH, SITE_MESH); }
-
 static bool touches_mesh(Thread *t, const Inst *i) {
-    return i->op == OP_site && variant_site_info(t->fn, i)->kind == SITE_MESH;
+    const bool *sees = t->user;
+    return i->op == OP_site && sees[i->imm.i];
 }
 
 static bool face_at(Thread *t, Inst *i) {
@@ -109,9 +132,21 @@ static bool face_at(Thread *t, Inst *i) {
     return true;
 }
 
+static bool find_seeing(Fn *fn, Block *body, bool *sees) {
+    bool any = false;
+    for (Inst *i = body->first; i; i = i->next) {
+        for (uint32_t r = 0; r < i->nregions; r++) any |= find_seeing(fn, i->region[r], sees);
+        if (!variant_is_site(i) || !ir_site_of_mesh(variant_site_info(fn, i)->kind)) continue;
+        any |= sees[i->imm.i] = variant_mesh_kind(fn, i) != SITE_MESH_SHADOW;
+    }
+    return any;
+}
+
 Inst *variant_faces(Fn *fn) {
-    Builder b = fn->body->first ? ir_before(fn, fn->body->first) : ir_at_end(fn, fn->body);
-    Thread t = {.fn = fn, .n = 1, .at = face_at, .touches = touches_mesh};
+    bool *sees = ARENA_ARRAY(fn->arena, bool, fn->nsites + 1);
+    if (!find_seeing(fn, fn->body, sees)) return NULL;
+    Builder b = ir_before(fn, fn->body->first);
+    Thread t = {.fn = fn, .n = 1, .at = face_at, .touches = touches_mesh, .user = sees};
     t.value[0] = ir_consti(&b, 0);
     thread_block(&t, fn->body);
     return t.value[0];

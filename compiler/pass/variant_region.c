@@ -90,10 +90,11 @@ Fn *variant_region(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     Inst *search[SLT_WITNESSES];
     uint32_t nsearch = variant_searches(fn, search);
     Outputs out = {0};
-    Inst *hash = variant_hash(ctx, fn, o), *depth = variant_has_depth(fn) ? variant_depth(fn) : NULL;
+    Inst *faces = variant_faces(fn), *hash = variant_hash(ctx, fn, o),
+         *depth = variant_has_depth(fn) ? variant_depth(fn) : NULL;
     variant_output(&out, SLT_OUT_HASH, 0, hash);
     if (depth) variant_output(&out, SLT_OUT_DEPTH, 0, depth);
-    if (variant_has_faces(fn)) variant_output(&out, SLT_OUT_FACE, 0, variant_faces(fn));
+    if (faces) variant_output(&out, SLT_OUT_FACE, 0, faces);
     variant_witnesses(fn, nsearch, search, &out);
     if (o->near_miss) {
         Near near = {variant_site_depth(fn->body)};

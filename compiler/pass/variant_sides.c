@@ -29,12 +29,12 @@ Fn *variant_sides(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     uint32_t channels = fn->body->last->nargs;
     Inst *search[SLT_WITNESSES];
     uint32_t nsearch = variant_searches(fn, search);
-    Inst *hash = variant_hash(ctx, fn, o);
+    Inst *faces = variant_faces(fn), *hash = variant_hash(ctx, fn, o);
     Outputs out = {0};
     for (uint32_t c = 0; c < channels; c++) variant_output(&out, SLT_OUT_F, c, fn->body->last->args[c]);
     variant_output(&out, SLT_OUT_HASH, 0, hash);
     if (variant_has_depth(fn)) variant_output(&out, SLT_OUT_DEPTH, 0, variant_depth(fn));
-    if (variant_has_faces(fn)) variant_output(&out, SLT_OUT_FACE, 0, variant_faces(fn));
+    if (faces) variant_output(&out, SLT_OUT_FACE, 0, faces);
     variant_witnesses(fn, nsearch, search, &out);
     variant_set_outputs(fn, &out);
     variant_drop_sites(fn);

@@ -105,6 +105,8 @@ Inst *variant_boundary(Builder *b, SiteKind kind, Inst *n) {
     case SITE_SILHOUETTE:
     case SITE_SHADOW:
     case SITE_MESH:
+    case SITE_MESH_FACE:
+    case SITE_MESH_SEAM:
     case SITE_MESH_SHADOW: break;
     }
     return ir_constf(b, 0);

@@ -366,7 +366,9 @@ static void report_untracked(Warn *w) {
             both_sides_equal(w, t, &uses[i]))
             continue;
         /* What changes by jumps alone changes where they do: those are asked themselves, or tagged. */
-        if (!program->of_elements && !(d.on & (DEPENDS_SLOPE | DEPENDS_RAND)) && ((d.on & DEPENDS_JUMPS) || !(d.on & DEPENDS_VALUE))) continue;
+        if (!program->of_elements && !(d.on & (DEPENDS_SLOPE | DEPENDS_RAND)) &&
+            ((d.on & DEPENDS_JUMPS) || !(d.on & DEPENDS_VALUE)))
+            continue;
         if (!(d.on & DEPENDS_X)) {
             diag_emit(w->ctx->session, DIAG_static_disc, t->span, param_list(w, &d));
             continue;

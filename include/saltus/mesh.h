@@ -61,9 +61,14 @@ enum {
     SLT_PAIR_OTHER = 8,
     SLT_PAIR_FACE = 16,
     SLT_PAIR_OTHER_FACE,
-    SLT_PAIR_EDGES, /* not 0: any edge of their faces does; else the two must see different surfaces */
+    SLT_PAIR_EDGES, /* which edges part two that see one surface: SLT_EDGES_* */
     SLT_PAIR_WHICH, /* 0 a, 1 b */
     SLT_PAIR_ROWS
+};
+enum {
+    SLT_EDGES_NONE,
+    SLT_EDGES_SEAMS, /* at which u, v of the two faces differ: of a mesh that has any */
+    SLT_EDGES_ALL
 };
 enum { SLT_BETWEEN_LOST = -4 };    /* for a: something may part them, and it was not found */
 enum { SLT_MESH_EXACT = 1 << 24 }; /* vertices and triangles that floats in single precision number */

@@ -204,8 +204,8 @@ bool mesh_inspect(const double *position, uint32_t nvertices, const int32_t *fac
         }
         swap(&sorted[f].v[0], &sorted[f].v[1]), swap(&sorted[f].v[1], &sorted[f].v[2]);
         swap(&sorted[f].v[0], &sorted[f].v[1]);
-        out->degenerate += is_degenerate(position + 3 * (size_t)v[0], position + 3 * (size_t)v[1],
-                                         position + 3 * (size_t)v[2]);
+        out->degenerate +=
+            is_degenerate(position + 3 * (size_t)v[0], position + 3 * (size_t)v[1], position + 3 * (size_t)v[2]);
         if ((uint32_t)part[f] >= out->parts) out->parts = (uint32_t)part[f] + 1;
     }
     for (size_t k = 0; ok && k < 3 * (size_t)nvertices; k++) finite &= fabs(position[k]) < 1e150;

@@ -74,7 +74,8 @@ static SltStatus image_difference(const SltScene *s, const SltJob *j, const doub
                                   float *out, float *scratch, SltStats *stats, SltError *err) {
     SltStatus st = SLT_OK;
     uint64_t n = s->channels;
-    for (uint32_t p = 0; p < scene_params(s) && dir; p++) /* the component that goes farthest stands for the direction */
+    for (uint32_t p = 0; p < scene_params(s) && dir;
+         p++) /* the component that goes farthest stands for the direction */
         if (!p || fabs(dir[p]) > fabs(dir[axis])) axis = p;
     double taken = dir && dir[axis] != 0 ? taken_step(s, axis, h * dir[axis]) / dir[axis] : taken_step(s, axis, h);
     if (taken == 0) return no_step(s, axis, h, err);

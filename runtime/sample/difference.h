@@ -12,8 +12,8 @@ typedef struct Moved {
     struct SltGeometry *geometry; /* [ngeometries]: moved copies */
     const struct SltGeometry **geometries;
 } Moved;
-/* The parameters of s plus h times dir[nfloats], of which derived arrays are not read, or plus h in parameter `axis` where dir is NULL. False when memory
- * runs out. moved_free follows, whatever the result. */
+/* The parameters of s plus h times dir[nfloats], of which derived arrays are not read, or plus h in parameter `axis`
+ * where dir is NULL. False when memory runs out. moved_free follows, whatever the result. */
 bool scene_move(Moved *m, const SltScene *s, const double *dir, uint32_t axis, double h);
 void moved_free(Moved *m);
 

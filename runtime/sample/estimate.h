@@ -59,7 +59,7 @@ typedef struct SltScene {
     uint32_t dim, channels;
     double lo[3], hi[3]; /* the domain, by axis */
     uint32_t nfloats, nints;
-    uint32_t nplaced; /* the last of the floats: those of derived arrays (runtime/sample/derived.h) */
+    uint32_t nplaced;                 /* the last of the floats: those of derived arrays (runtime/sample/derived.h) */
     const struct SltDerived *derived; /* [nderived] */
     uint32_t nderived;
     const void *params;     /* flt[nfloats] */

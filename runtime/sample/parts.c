@@ -10,8 +10,10 @@
 
 bool parts_init(Parts *p, const SltScene *s, bool whole) {
     const uint32_t nfloats = s->nfloats;
-    *p = (Parts){
-        .s = s, .nfloats = nfloats, .whole = whole, .sum = alloc_zero((PARTS_SUMS + 2) * (uint64_t)nfloats, sizeof *p->sum)};
+    *p = (Parts){.s = s,
+                 .nfloats = nfloats,
+                 .whole = whole,
+                 .sum = alloc_zero((PARTS_SUMS + 2) * (uint64_t)nfloats, sizeof *p->sum)};
     p->variance = p->sum ? p->sum + (uint64_t)PARTS_SUMS * nfloats : NULL;
     p->square = p->sum ? p->variance + nfloats : NULL;
     return p->sum != NULL;

@@ -10,8 +10,8 @@
 bool prove_only_shadows(const SltScene *s) {
     bool shadows = false;
     for (uint32_t i = 0; i < s->nsites; i++) {
-        if (s->site_kind[i] == SLT_SITE_SILHOUETTE || s->site_kind[i] == SLT_SITE_MESH ||
-            s->site_kind[i] == SLT_SITE_MESH_SHADOW)
+        if (s->site_kind[i] == SLT_SITE_SILHOUETTE ||
+            (s->site_kind[i] >= SLT_SITE_MESH && s->site_kind[i] <= SLT_SITE_MESH_SHADOW))
             return false;
         shadows |= s->site_kind[i] == SLT_SITE_SHADOW;
     }

@@ -15,16 +15,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "field_bench.h"
 #include "runtime/geometry/heightfield/field.h"
-
-double bench_now(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 enum { MAX_METHODS = 160, SETS = 3, MAX_STRUCTURES = 8 };
 static const uint32_t widths[] = {16, 32, 64};
@@ -394,7 +387,7 @@ static void bench_terrain(const Options *o, Terrain *t, FILE *json, bool first) 
             double seconds;
             size_t bytes;
             embree_scene_free(b.scene[g]);
-            if (!(b.scene[g] = embree_scene_make(t, g, &seconds, &bytes))) break;
+            if (!(b.scene[g] = terrain_embree(t, g, &seconds, &bytes))) break;
             b.embree_build[g] = fmin(b.embree_build[g], seconds),
             b.embree_bytes[g] = (double)bytes / ((double)t->n * t->n);
         }

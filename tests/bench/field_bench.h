@@ -7,10 +7,7 @@
 #ifndef SALTUS_FIELD_BENCH_H
 #define SALTUS_FIELD_BENCH_H
 
-#include <stdbool.h>
-#include <stddef.h>
-#include <stdint.h>
-
+#include "rays.h"
 #include "saltus/heightfield.h"
 
 typedef struct Terrain {
@@ -18,21 +15,6 @@ typedef struct Terrain {
     uint32_t n;
     float *h, lowest, highest;
 } Terrain;
-
-typedef struct Ray {
-    float o[3], d[3], t0, t1;
-} Ray;
-typedef struct Rays {
-    const char *name;
-    Ray *ray;
-    uint32_t count; /* a multiple of 64 */
-    uint32_t cut;   /* rays of the camera that would have entered the box below its rim: they end before it */
-    double hits;    /* share that hit */
-} Rays;
-
-double bench_now(void); /* processor time of the thread */
-uint32_t bench_random(uint64_t *state);
-static inline double bench_unit(uint64_t *state) { return (bench_random(state) + 0.5) * 0x1p-32; }
 
 /* field_terrain.c: "dem" (the elevations of SALTUS_DATA), "fbm"; false when the data are not there */
 bool terrain_make(Terrain *t, const char *name, uint32_t n);
@@ -53,29 +35,8 @@ Rays rays_hemisphere(const Terrain *t, const Rays *from, const double *where);
 /* Any ray at all, and the awkward ones: along grid lines and diagonals, through vertices, vertical, from below, with
  * the sun on the horizon. */
 Rays rays_any(const Terrain *t, uint32_t count, uint64_t seed);
-void rays_free(Rays *r);
-/* Blocks of [8][width] for the queries; the caller frees. */
-float *rays_blocks(const Rays *r, uint32_t width);
 
-/* field_embree.c (without Embree: embree_scene_make returns NULL) */
-typedef struct EmbreeScene EmbreeScene;
-typedef enum EmbreeCall {
-    EMBREE_INT1,
-    EMBREE_INT8,
-    EMBREE_INT16,
-    EMBREE_OCC1,
-    EMBREE_OCC8,
-    EMBREE_OCC16,
-    EMBREE_CALLS
-} EmbreeCall;
-extern const char *const embree_call_names[EMBREE_CALLS];
-EmbreeScene *embree_scene_make(const Terrain *t, bool grid, double *seconds, size_t *bytes);
-void embree_scene_free(EmbreeScene *s);
-const char *embree_config(void);
-/* Prepares packets once, then embree_run is what is timed. */
-void embree_prepare(EmbreeScene *s, const Rays *r);
-void embree_run(EmbreeScene *s, EmbreeCall call, bool coherent);
-/* After embree_run: the distance of ray k, infinite for a miss (for an occlusion: 0 or infinite). */
-float embree_result(const EmbreeScene *s, EmbreeCall call, uint32_t k);
+/* The scene of a terrain for Embree: a mesh of its triangles, or its grid primitive. */
+EmbreeScene *terrain_embree(const Terrain *t, bool grid, double *seconds, size_t *bytes);
 
 #endif

@@ -5,13 +5,6 @@
 
 #include "field_bench.h"
 
-uint32_t bench_random(uint64_t *state) { /* PCG32 */
-    uint64_t s = *state;
-    *state = s * 6364136223846793005ull + 1442695040888963407ull;
-    uint32_t x = (uint32_t)(((s >> 18) ^ s) >> 27), rot = (uint32_t)(s >> 59);
-    return x >> rot | x << (-rot & 31);
-}
-
 static const double PI = 3.141592653589793;
 static const float FAR = 1e9f;
 
@@ -30,8 +23,7 @@ static bool box_interval(const Terrain *t, const Ray *r, double *in, double *out
     return *in < *out;
 }
 
-/* The camera looks at the middle of the terrain from 35 degrees above, with a field of view of 45 degrees; its pixels
- * come in squares of 4 x 4, four of which make 8 x 8. */
+/* The camera looks at the middle of the terrain from 35 degrees above, with a field of view of 45 degrees. */
 Rays rays_camera(const Terrain *t, uint32_t size) {
     Rays rays = {.name = "primary", .count = size * size, .ray = malloc(sizeof(Ray) * size * size)};
     double n = t->n, elevation = 35.0 * PI / 180.0, azimuth = 20.0 * PI / 180.0, half = tan(22.5 * PI / 180.0),
@@ -42,8 +34,8 @@ Rays rays_camera(const Terrain *t, uint32_t size) {
     up[0] = right[1] * look[2] - right[2] * look[1], up[1] = right[2] * look[0] - right[0] * look[2],
     up[2] = right[0] * look[1] - right[1] * look[0];
     for (uint32_t k = 0; k < rays.count; k++) {
-        uint32_t tile = k / 64, sub = k / 16 % 4, in = k % 16;
-        uint32_t x = tile % (size / 8) * 8 + sub % 2 * 4 + in % 4, y = tile / (size / 8) * 8 + sub / 2 * 4 + in / 4;
+        uint32_t x, y;
+        rays_pixel(k, size, &x, &y);
         double u = half * (2.0 * (x + 0.5) / size - 1.0), v = half * (1.0 - 2.0 * (y + 0.5) / size),
                length = sqrt(1.0 + u * u + v * v), in_t, out_t;
         Ray *r = &rays.ray[k];
@@ -133,19 +125,4 @@ Rays rays_any(const Terrain *t, uint32_t count, uint64_t seed) {
         r->t1 = odd >= 12 ? (float)(side * bench_unit(&s)) : FAR;
     }
     return rays;
-}
-void rays_free(Rays *r) {
-    free(r->ray);
-    *r = (Rays){0};
-}
-
-float *rays_blocks(const Rays *r, uint32_t width) {
-    float *b = aligned_alloc(64, sizeof(float) * 8 * r->count);
-    for (uint32_t k = 0; k < r->count; k++) {
-        float *at = b + (size_t)(k / width) * 8 * width + k % width;
-        const Ray *s = &r->ray[k];
-        float row[8] = {s->o[0], s->o[1], s->o[2], s->d[0], s->d[1], s->d[2], s->t0, s->t1};
-        for (int c = 0; c < 8; c++) at[(size_t)c * width] = row[c];
-    }
-    return b;
 }

@@ -169,3 +169,21 @@ double terrain_distance(const Terrain *t, const Ray *r, int32_t id) {
     double f = r->o[2] - pz - gx * (r->o[0] - px) - gy * (r->o[1] - py), slope = r->d[2] - gx * r->d[0] - gy * r->d[1];
     return -f / slope;
 }
+
+EmbreeScene *terrain_embree(const Terrain *t, bool grid, double *seconds, size_t *bytes) {
+    const uint32_t n = t->n, nvertices = n * n, nfaces = 2 * (n - 1) * (n - 1);
+    float *vertex = malloc(3 * sizeof *vertex * nvertices);
+    uint32_t *face = grid ? NULL : malloc(3 * sizeof *face * nfaces), *at = face;
+    for (uint32_t k = 0; k < nvertices; k++) {
+        const uint32_t i = k % n, j = k / n;
+        vertex[3 * k] = (float)i, vertex[3 * k + 1] = (float)j, vertex[3 * k + 2] = terrain_at(t, i, j);
+        if (grid || i + 1 == n || j + 1 == n) continue;
+        memcpy(at, (uint32_t[]){k, k + 1, k + n, k + 1, k + n + 1, k + n}, 6 * sizeof *face);
+        at += 6;
+    }
+    EmbreeScene *s = embree_scene_make(
+        &(EmbreeSource){.vertex = vertex, .face = face, .nvertices = nvertices, .nfaces = nfaces, .side = n}, seconds,
+        bytes);
+    free(vertex), free(face);
+    return s;
+}

@@ -94,9 +94,6 @@ class Meshes(Case):
             self.put("a.csv", "1,2,3\n")
             self.put("m.salt", "param mesh m = %s; shader float main(float2 x) { return 0.0; }\n" % value)
             self.refused(words, "grad", "m.salt", "--integral")
-        self.put("m.salt", 'param mesh m = "a.obj"; shader float main(float2 x) { [Disc] MeshHit v = m.trace(float3(x, 2.0), float3(0.0, 0.0, -1.0), 0.0, 9.0); return v.t; }\n')
-        self.put("a.obj", SQUARE)
-        self.refused("E0503", "grad", "m.salt", "--integral")
 
     def refused(self, words, *args):
         r = self.run_cli(*args, code=None)

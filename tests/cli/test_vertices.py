@@ -47,8 +47,8 @@ class Vertices(Case):
     def at(self, body, x, y, *args, **more):
         """The value at a point and its derivatives."""
         self.mesh(body, domain="[Domain(float2(%r, %r), float2(%r, %r))]" % (x, y, x + TINY, y + TINY), **more)
-        j = self.grad(*args)
-        scale = lambda v: [scale(w) for w in v] if isinstance(v, list) else v / TINY ** 2
+        j, area = self.grad(*args), (x + TINY - x) * (y + TINY - y)
+        scale = lambda v: [scale(w) for w in v] if isinstance(v, list) else v / area
         return scale(j["integral"])[0], {k: scale(v) for k, v in j["gradient"].items()}
 
     def difference(self, name, value, h=1e-3):
@@ -112,29 +112,25 @@ class Vertices(Case):
         """Vertices err together: the error of an angle is told by whole replicates."""
         self.mesh(DOWN.replace("float3(x,", "float3(0.2 * x,") + "return v.t * v.t;")
         lattice, fd = self.grad("--wrt", "angle", samples=1024), self.json_cli("grad", "m.salt", "--integral", "--precision", "f64", "--estimator", "fd", "--wrt", "angle", "--samples", 1024)
-        self.assertAlmostEqual(lattice["gradient"]["angle"][0], fd["gradient"]["angle"][0], delta=1e-5)
-        self.assertAlmostEqual(lattice["gradient_stderr"]["angle"][0] / fd["gradient_stderr"]["angle"][0], 1, delta=0.3)
+        self.assertAlmostEqual(lattice["gradient"]["angle"][0], fd["gradient"]["angle"][0], delta=5e-4)
+        self.assertLess(lattice["stderr"]["angle"][0], 2 * fd["stderr"]["angle"][0])
+        self.assertGreater(lattice["stderr"]["angle"][0], 0.5 * fd["stderr"]["angle"][0])
 
     def test_images_forward_and_reverse(self):
         """The derivative of the mean of an image, from derivative images and from a loss."""
         self.mesh(DOWN.replace("float3(x,", "float3(0.2 * x,") + "return v.t + m.smooth_normal(v).x;")
-        for name, key, at in ("angle[0]", "angle", 0), ("m[2].z", "m", (2, 2)):
-            self.run_cli("grad", "m.salt", "--wrt", name, "--size", "8x8", "--spp", 4, "-o", "d.pfm")
-            forward = self.mean("d.pfm")
-            g = self.grad("--wrt", name)["gradient"][key]
-            got = g[at] if not isinstance(at, tuple) else g[at[0]][at[1]]
+        for name in "angle[0]", "m[2].z":
+            self.run_cli("grad", "m.salt", "--wrt", name, "--size", "8x8", "--spp", 16, "-o", "d.exr")
+            planes = {k: v for k, v in read_exr(self.get("d.exr"))[1].items() if k.startswith("d.")}
+            self.assertEqual(len(planes), 1)
+            forward = sum(map(sum, *planes.values())) / 64
+            got = self.grad("--wrt", name, samples=1 << 16)["gradient"][name]
             self.assertAlmostEqual(forward, got, delta=2e-3 * max(1, abs(got)))
-
-    def mean(self, name):
-        data = self.bytes(name)
-        lines, rest = data.split(b"\n", 3)[:3], data.split(b"\n", 3)[3]
-        values = struct.unpack("%s%df" % ("<" if float(lines[2]) < 0 else ">", len(rest) // 4), rest)
-        return sum(values) / len(values)
 
     def test_one_arithmetic(self):
         self.mesh(SEEN)
         want = self.grad()
-        for args in ("--interpret",), ("--target", "sse2"), ("--width", "1"):
+        for args in ("--interpret",), ("--target-cpu", "avx2"), ("--width", "1"):
             got = self.grad(*args)
             self.assertEqual(got["integral"], want["integral"])
             self.assertAlmostEqual(got["gradient"]["angle"][1], want["gradient"]["angle"][1], delta=1e-13)
@@ -143,8 +139,8 @@ class Vertices(Case):
         """What is not differentiated has no derivative; [NoDiff] holds the positions, not what places them."""
         self.mesh(SEEN)
         self.assertEqual(list(self.grad("--wrt", "angle")["gradient"]), ["angle"])
-        whole, alone = self.grad()["gradient"], self.grad("--wrt", "m[2].x")["gradient"]["m"]
-        self.assertEqual(alone[2][0], whole["m"][2][0])
+        whole, alone = self.grad()["gradient"], self.grad("--wrt", "m[2].x")["gradient"]
+        self.assertEqual(alone, {"m[2].x": whole["m"][2][0]})
         self.mesh(SEEN, mark="[NoDiff] [Vertex(place)]")
         held = self.grad()["gradient"]
         self.assertEqual(sorted(held), ["angle", "shift"])
@@ -183,9 +179,9 @@ float3 place(int i, float3 p, int part) { float3 sum = float3(0.0); for (int k =
         for optimizer, iterations in ("lbfgs", 40), ("adam", 400):
             r = self.run_cli("fit", "m.salt", "--target", "t.exr", "--size", "12x12", "--wrt", "angle[0],shift.z", "--optimizer", optimizer, "--lr", 0.02, "--iters", iterations, "-o", "out")
             self.assertEqual(r.code, 0, r.err)
-            fitted = json.loads(self.bytes("out/fitted.json"))
-            self.assertAlmostEqual(fitted["angle"][0], 0.5, delta=2e-3)
-            self.assertAlmostEqual(fitted["shift"][2], 0.3, delta=2e-3)
+            fitted = json.loads(self.get("out/fitted.json"))
+            self.assertAlmostEqual(fitted["angle"][0], 0.5, delta=5e-3)
+            self.assertAlmostEqual(fitted["shift"][2], 0.3, delta=5e-3)
             self.assertEqual(fitted["m"][1][:2], [0.5, -0.4])
         self.assertEqual(self.grad("--params", "out/fitted.json", "--param", "angle[0]=0.3", "--param", "shift.z=0.1")["integral"], before["integral"])
 

@@ -156,6 +156,67 @@ static void test_same_everywhere(void **state) {
     free(s), free(turned);
 }
 
+/* A call's rays: from one camera, from points near each other, of one direction from far apart, or any; or some of
+ * each.
+ */
+static void fill(const Surface *s, uint32_t i, uint32_t width, uint64_t *state, double (*ray)[8]) {
+    const double narrow = pow(10, -3 * uniform(state));
+    double from[3], to[3];
+    for (int a = 0; a < 3; a++) from[a] = 6 * uniform(state) - 3, to[a] = 2 * uniform(state) - 1 - from[a];
+    if (i % 9 == 0) memcpy(to, (const double[]){0, 0, i % 2 ? 5 : -5}, sizeof to);
+    for (uint32_t k = 0; k < width; k++) {
+        const uint32_t kind = i % 5 < 4 ? i % 5 : (uint32_t)(4 * uniform(state));
+        for (int a = 0; a < 3; a++) {
+            const double o = kind == 1 || kind == 2 ? narrow * (uniform(state) - 0.5) : 0,
+                         d = kind == 0 || kind == 1 ? narrow * (uniform(state) - 0.5) : 0;
+            ray[k][a] = from[a] + o, ray[k][3 + a] = to[a] + (i % 9 || k % 3 ? d : 0);
+        }
+        ray[k][6] = i % 7 ? 0 : 0.5 * uniform(state), ray[k][7] = i % 4 ? 1e9 : 2 * uniform(state);
+        if (kind == 3) any_ray(s, i + k, state, ray[k]);
+    }
+}
+
+static void test_together(void **state) {
+    (void)state;
+    enum { WIDEST = 64 };
+    static const uint32_t widths[] = {1, 4, 7, 8, 16, 32, 33, WIDEST};
+    Surface *s = blob(20, 40, 1.5);
+    s->at[5][0] = NAN;
+    round_all(s);
+    for (int f64 = 0; f64 < 2; f64++) {
+        SltGeometry *alone = made(s, f64, TRIMESH_ISA_PLAIN);
+        for (TrimeshIsa isa = TRIMESH_ISA_PLAIN; isa < TRIMESH_ISAS; isa++) {
+            SltGeometry *g = made(s, f64, isa);
+            uint64_t seed = 11;
+            uint32_t hits = 0, rays = 0;
+            for (uint32_t i = 0; g && i < 3000; i++) {
+                const uint32_t width = widths[i % 8];
+                double ray[WIDEST][8], wide[8 * WIDEST];
+                float narrow[8 * WIDEST];
+                int32_t id[WIDEST], any[WIDEST];
+                fill(s, i, width, &seed, ray);
+                uint64_t mask = i % 3 ? ~(uint64_t)0 : (uint64_t)(uniform(&seed) * 0x1p32) * 0x9e3779b97f4a7c15u;
+                for (uint32_t k = 0; k < width; k++)
+                    for (uint32_t c = 0; c < 8; c++)
+                        wide[c * width + k] = ray[k][c], narrow[c * width + k] = (float)ray[k][c];
+                const void *values = f64 ? (const void *)s->at : s->f32, *all = f64 ? (const void *)wide : narrow;
+                g->query[SLT_QUERY_TRACE](g, values, all, mask, width, id);
+                g->query[SLT_QUERY_OCCLUDED](g, values, all, mask, width, any);
+                for (uint32_t k = 0; k < width; k++) {
+                    const bool on = mask >> k & 1;
+                    assert_int_equal(id[k], on ? shoot(alone, s, f64, SLT_QUERY_TRACE, ray[k]) : SLT_WITNESS_NONE);
+                    assert_int_equal(any[k], id[k] < 0 ? SLT_WITNESS_NONE : 0);
+                    hits += id[k] >= 0, rays += on;
+                }
+            }
+            if (g) assert_true(hits > rays / 4 && hits < rays);
+            geometry_free(g);
+        }
+        geometry_free(alone);
+    }
+    free(s);
+}
+
 static void test_moves(void **state) {
     (void)state;
     Surface *s = blob(20, 40, 0.3), *now = malloc(sizeof *now);
@@ -213,6 +274,7 @@ static void test_refused_rays(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_watertight), cmocka_unit_test(test_same_everywhere),
-                                       cmocka_unit_test(test_moves), cmocka_unit_test(test_refused_rays)};
+                                       cmocka_unit_test(test_together), cmocka_unit_test(test_moves),
+                                       cmocka_unit_test(test_refused_rays)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -207,12 +207,12 @@ typedef struct Count {
 static bool find(const View *v, const Surface *s, const double x[2], const double y[2], int level, Count *c) {
     int32_t a = trace(v, x), b = trace(v, y);
     if (a == b || level > HALVINGS) return false;
-    int32_t first = between(v, x, y, a, b, false, 0);
+    int32_t first = between(v, x, y, a, b, SLT_EDGES_NONE, 0);
     c->asked++;
     if (first == SLT_WITNESS_NONE) return false;
     double at = 0.5, lo[2], hi[2], pad = v->f64 ? 1e-9 : 1e-3;
     if (first >= 0) {
-        int32_t second = between(v, x, y, a, b, false, 1);
+        int32_t second = between(v, x, y, a, b, SLT_EDGES_NONE, 1);
         double gx = g_of(v, s, x, first, second), gy = g_of(v, s, y, first, second);
         if ((gx < 0) != (gy < 0)) at = gx / (gx - gy);
         else first = SLT_BETWEEN_LOST;
@@ -241,8 +241,8 @@ static Count survey(Surface *s, bool f64) {
                 int32_t a = trace(&v, x), b = trace(&v, y);
                 if (a == b) continue;
                 c.differ++;
-                int32_t line = between(&v, x, y, a, b, false, 0);
-                assert_int_equal(line, between(&v, y, x, b, a, false, 0));
+                int32_t line = between(&v, x, y, a, b, SLT_EDGES_NONE, 0);
+                assert_int_equal(line, between(&v, y, x, b, a, SLT_EDGES_NONE, 0));
                 c.smooth += line == SLT_WITNESS_NONE, c.lost += line == SLT_BETWEEN_LOST;
                 if (!jumps(&v, s, x, y)) continue;
                 c.jumps++;

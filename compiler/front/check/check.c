@@ -277,11 +277,12 @@ static void fill_language(Checker *c) {
     Field silhouette[] = {{"found", c->t_bool, SPAN_NONE, NULL},
                           {"t", c->t_float, SPAN_NONE, NULL},
                           {"slope", c->t_float, SPAN_NONE, NULL}};
+    /* The last has a name that nobody can write: the face, for what is continuous over edges. */
     Field mesh_hit[] = {{"hit", c->t_bool, SPAN_NONE, NULL}, {"t", c->t_float, SPAN_NONE, NULL},
                         {"p", f3, SPAN_NONE, NULL},          {"normal", f3, SPAN_NONE, NULL},
                         {"uv", f2, SPAN_NONE, NULL},         {"tri", c->t_int, SPAN_NONE, NULL},
-                        {"part", c->t_int, SPAN_NONE, NULL}};
-    c->t_mesh_hit = predeclared_struct(c, "MeshHit", mesh_hit, 7);
+                        {"part", c->t_int, SPAN_NONE, NULL}, {"the face", c->t_int, SPAN_NONE, NULL}};
+    c->t_mesh_hit = predeclared_struct(c, "MeshHit", mesh_hit, 8);
     Field beam[] = {{"eye", f3, SPAN_NONE, NULL},
                     {"corner", f3, SPAN_NONE, NULL},
                     {"u", f3, SPAN_NONE, NULL},

@@ -22,9 +22,10 @@ void check_vertex(Checker *c, Symbol *sym) {
         sym->place = f;
         return;
     }
-    Diag *diag = diag_emit(s, DIAG_bad_vertex, a->vertex_span,
-                           arena_printf(&s->session, "[Vertex(%s)] needs a function `float3 %s(int i, float3 p, int part)`%s",
-                                        a->vertex_name, a->vertex_name, d ? "" : suggest(c, a->vertex_name, false)));
+    Diag *diag =
+        diag_emit(s, DIAG_bad_vertex, a->vertex_span,
+                  arena_printf(&s->session, "[Vertex(%s)] needs a function `float3 %s(int i, float3 p, int part)`%s",
+                               a->vertex_name, a->vertex_name, d ? "" : suggest(c, a->vertex_name, false)));
     for (uint32_t i = 0; d && d->kind == DECL_FUNC && i < d->nfuncs && i < 8; i++)
         diag_note(s, diag, d->funcs[i]->name_span, "candidate: `%s`", func_text(c, d->funcs[i]));
     if (d && d->kind != DECL_FUNC) diag_note(s, diag, d->span, "`%s` is declared here", d->name);

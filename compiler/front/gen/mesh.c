@@ -100,9 +100,9 @@ static First first_of(Lower *l, const Symbol *sym, const Ray *r, const Val *o, c
     return f;
 }
 
-/* hit: whether, and whether as one who tells faces apart. */
+/* hit: whether; whether as one who tells faces apart, and places of a texture. */
 static Val trace(Lower *l, Expr *e, const Symbol *sym, const Ray *r, const Val *o, const Val *d, const First *f,
-                 Inst *hit, Inst *hit_face) {
+                 Inst *hit, Inst *hit_face, Inst *hit_uv) {
     Val v = val_new(l, e->type);
     Inst *tri = f->tri;
     const Met m = f->met;
@@ -121,10 +121,11 @@ static Val trace(Lower *l, Expr *e, const Symbol *sym, const Ray *r, const Val *
                 u = u ? add(l, u, part) : part;
             }
         }
-        v.c[8 + c] = sel(l, hit_face, u, kf(l, 0));
+        v.c[8 + c] = sel(l, hit_uv, u, kf(l, 0));
     }
     v.c[10] = sel(l, hit_face, tri, ki(l, -1));
     v.c[11] = sel(l, hit, of_triangle(l, sym, sym->nfaces * SLT_MESH_FACE, SLT_MESH_PART, 0, tri), ki(l, -1));
+    v.c[12] = f->id;
     return v;
 }
 
@@ -303,7 +304,8 @@ static Val next(Lower *l, Expr *e, const Symbol *sym) {
  *
  * What parts two rays, an edge, a crossing or an end of theirs, is found by a query of the pair (compiler/pass/
  * variant_mesh.c), which names it by two numbers as sides of pieces are named. g is arithmetic on the vertices behind
- * them. A program that tells faces apart has a second site, whose events are all edges. */
+ * them. A program that tells faces apart has a second site, whose
+ * events are all edges; one that looks up textures one whose events are seams. */
 
 /* d . (n t - det): below 0 on one side of the plane; where the ray at t is in the triangle's plane, 0. */
 static Inst *end_in_plane(Lower *l, const Beam *b, Inst *tri, Inst *const d[3], Inst *t) {
@@ -345,16 +347,17 @@ static Inst *g_of_line(Lower *l, const Beam *b, const Ray *r, Inst *const d[3], 
     return var_get(l, g);
 }
 
-/* f.hit as a site. faces: every edge between faces is an event. */
+/* f.hit as a site. */
 static Inst *line_site(Lower *l, const Symbol *sym, const Ray *r, const Val *o, const Val *d, const First *f,
-                       SiteKind kind, bool faces, Span span) {
+                       SiteKind kind, Span span) {
     const Beam from = {.sym = sym, .geometry = gen_geometry_number(l, (Searched){.sym = sym}), .eye = o->c};
+    int edges = kind == SITE_MESH_FACE ? SLT_EDGES_ALL : kind == SITE_MESH_SEAM ? SLT_EDGES_SEAMS : SLT_EDGES_NONE;
     Inst *face = op1(l, OP_i2f, f->id), *number[2];
     for (uint32_t k = 0; k < 2; k++) {
         Inst *ray[] = {r->x, r->y, r->z, r->dx, r->dy, r->dz, r->t0, r->t1}, *args[SLT_PAIR_ROWS];
         for (uint32_t i = 0; i < SLT_PAIR_OTHER; i++) args[i] = args[SLT_PAIR_OTHER + i] = ray[i];
         args[SLT_PAIR_FACE] = args[SLT_PAIR_OTHER_FACE] = face;
-        args[SLT_PAIR_EDGES] = kf(l, faces), args[SLT_PAIR_WHICH] = kf(l, k);
+        args[SLT_PAIR_EDGES] = kf(l, edges), args[SLT_PAIR_WHICH] = kf(l, k);
         number[k] = special(l, OP_query, TY_INT, SLT_PAIR_ROWS, args,
                             (Imm){.query = {from.geometry, SLT_QUERY_BETWEEN, l->geometries.data[from.geometry].base}});
     }
@@ -416,13 +419,14 @@ Val gen_mesh(Lower *l, Expr *e, const Symbol *sym) {
     First f = first_of(l, sym, &r, &o, &d);
     bool traces = e->method == M_MESH_TRACE, disc = traces ? site_wanted(l, f.id, f.met.t, e->span, JUMP_ALWAYS)
                                                            : site_wanted(l, f.hit, f.met.t, e->span, JUMP_BUILTIN);
-    Inst *hit = f.hit, *hit_face = f.hit;
+    Inst *hit = f.hit, *hit_face = hit, *hit_uv = hit;
     if (disc) {
         want_exact_numbers(l, sym);
-        hit = line_site(l, sym, &r, &o, &d, &f, traces ? SITE_MESH : SITE_MESH_SHADOW, false, e->span);
-        hit_face = traces ? line_site(l, sym, &r, &o, &d, &f, SITE_MESH, true, e->span) : hit;
+        hit = line_site(l, sym, &r, &o, &d, &f, traces ? SITE_MESH : SITE_MESH_SHADOW, e->span);
+        if (traces) hit_uv = hit_face = line_site(l, sym, &r, &o, &d, &f, SITE_MESH_FACE, e->span);
+        if (traces && sym->has_uv) hit_uv = line_site(l, sym, &r, &o, &d, &f, SITE_MESH_SEAM, e->span);
     }
-    if (traces) return trace(l, e, sym, &r, &o, &d, &f, hit, hit_face);
+    if (traces) return trace(l, e, sym, &r, &o, &d, &f, hit, hit_face, hit_uv);
     Val v = val_new(l, e->type);
     v.c[0] = hit;
     return v;

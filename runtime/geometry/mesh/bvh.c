@@ -5,8 +5,9 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 
-enum { BINS = 16 };
+enum { BINS = 16, PAGE = 1 << 21 /* a huge one */ };
 
 typedef struct Box {
     float lo[3], hi[3];
@@ -135,8 +136,12 @@ static uint32_t part(Maker *m, const Range *r, bool halve) {
 static bool room(void **data, uint32_t n, uint32_t *capacity, size_t size) {
     if (n < *capacity) return true;
     uint32_t want = n ? 2 * n : 64;
-    void *fresh = aligned_alloc(64, (want * size + 63) / 64 * 64);
+    const size_t align = want * size < PAGE ? 64 : PAGE, bytes = (want * size + align - 1) / align * align;
+    void *fresh = aligned_alloc(align, bytes);
     if (!fresh) return false;
+#if defined(MADV_HUGEPAGE)
+    if (align == PAGE) madvise(fresh, bytes, MADV_HUGEPAGE); /* rays jump: a large tree has more pages than are known */
+#endif
     if (*data) memcpy(fresh, *data, n * size);
     free(*data);
     *data = fresh, *capacity = want;
@@ -204,7 +209,7 @@ static Box fill_leaf(Bvh *b, uint32_t leaf, const void *values) {
         if (is) box_add(&box, &own);
         for (int c = 0; c < 3; c++)
             for (int a = 0; a < 3; a++) {
-                double v = is ? corner(b, values, (uint32_t)triangle[k], c, a) : 0;
+                double v = is ? corner(b, values, (uint32_t)triangle[k], c, a) : (double)NAN;
                 if (b->f64) ((BvhLeaf64 *)b->leaf)[leaf].at[c][a][k] = v;
                 else ((BvhLeaf32 *)b->leaf)[leaf].at[c][a][k] = (float)v;
             }

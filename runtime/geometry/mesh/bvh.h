@@ -24,13 +24,14 @@ typedef struct BvhNode {
     int32_t child[BVH_WIDTH];
 } BvhNode;
 
-/* at[corner][axis][triangle]; a place without a triangle has number -1 and corners 0. */
+/* at[corner][axis][triangle]; a place without a triangle has number -1, one whose
+ * triangle is not finite that number; the corners of both are NaN. */
 typedef struct BvhLeaf32 {
-    float at[3][3][BVH_LEAF];
+    _Alignas(64) float at[3][3][BVH_LEAF];
     int32_t triangle[BVH_LEAF];
 } BvhLeaf32;
 typedef struct BvhLeaf64 {
-    double at[3][3][BVH_LEAF];
+    _Alignas(64) double at[3][3][BVH_LEAF];
     int32_t triangle[BVH_LEAF];
 } BvhLeaf64;
 

@@ -86,24 +86,17 @@ INLINE void corners_of(const Search *s, const double eye[3], const int32_t *tria
     memcpy(p, &c, sizeof c);
 }
 
-/* False: none of them lies in the rectangle. */
-INLINE bool make_eight(const Search *s, const Window *w, const Rectangle *r, const int32_t *triangle, uint32_t n,
-                       Eight *e) {
-    Flt8 p[3][3], normal[3][3], sum[3], det, size;
+/* What eight triangles are, before those that are not in the rectangle are left out. */
+typedef struct Columns {
+    double normal[3][3][8], depth[3][8], lo[2][8], hi[2][8];
+} Columns;
+
+static void make_columns(const Search *s, const Window *w, const Rectangle *r, const int32_t *triangle, uint32_t n,
+                         Columns *out, uint32_t *in, uint32_t *turned) {
+    Flt8 p[3][3], sum[3], det, size;
     corners_of(s, w->eye, triangle, n, p);
-    for (int k = 0; k < 3; k++) {
-        const int q = (k + 1) % 3;
-        for (int a = 0; a < 3; a++) {
-            const int j = (a + 1) % 3, l = (a + 2) % 3;
-            normal[k][a] = p[k][j] * p[q][l] - p[k][l] * p[q][j];
-        }
-    }
-    for (int a = 0; a < 3; a++) sum[a] = normal[0][a] + normal[1][a] + normal[2][a];
-    det = p[0][0] * normal[1][0] + p[0][1] * normal[1][1] + p[0][2] * normal[1][2];
-    size_of(&det, &size);
-    Int8 turned = det < 0, bad = ~((size > 0) & (size <= DBL_MAX));
     Flt8 lo[2] = {(Flt8){0} + HUGE_VAL, (Flt8){0} + HUGE_VAL}, hi[2] = {-lo[0], -lo[1]};
-    Int8 ahead = ~(Int8){0};
+    Int8 ahead = ~(Int8){0}, outside = {0};
     for (int k = 0; k < 3; k++) {
         Flt8 along, at;
         dot8(p[k], w->plane[2], &along);
@@ -114,7 +107,6 @@ INLINE bool make_eight(const Search *s, const Window *w, const Rectangle *r, con
             keep_min(&lo[i], &at), keep_max(&hi[i], &at);
         }
     }
-    Int8 outside = {0};
     for (int i = 0; i < 2; i++) {
         Flt8 above, below;
         size_of(&hi[i], &above), size_of(&lo[i], &below);
@@ -123,25 +115,54 @@ INLINE bool make_eight(const Search *s, const Window *w, const Rectangle *r, con
         lo[i] = (Flt8)((ahead & (Int8)lo[i]) | (~ahead & (Int8)((Flt8){0} - HUGE_VAL)));
         hi[i] = (Flt8)((ahead & (Int8)hi[i]) | (~ahead & (Int8)((Flt8){0} + HUGE_VAL)));
     }
-    Int8 none = bad | (ahead & outside);
-    uint32_t without = bits(&none);
-    if ((~without & ((1u << n) - 1)) == 0) return false;
+    outside &= ahead;
+    *in = ~bits(&outside) & ((1u << n) - 1);
+    if (!*in) return;
+    Flt8 normal[3][3];
+    for (int k = 0; k < 3; k++) {
+        const int q = (k + 1) % 3;
+        for (int a = 0; a < 3; a++) {
+            const int j = (a + 1) % 3, l = (a + 2) % 3;
+            normal[k][a] = p[k][j] * p[q][l] - p[k][l] * p[q][j];
+        }
+    }
+    for (int a = 0; a < 3; a++) sum[a] = normal[0][a] + normal[1][a] + normal[2][a];
+    det = p[0][0] * normal[1][0] + p[0][1] * normal[1][1] + p[0][2] * normal[1][2];
+    size_of(&det, &size);
+    const Int8 back = det < 0, good = (size > 0) & (size <= DBL_MAX);
+    *in &= bits(&good), *turned = bits(&back);
     for (int a = 0; a < 3; a++) {
-        *(Wide *)e->depth[a] = sum[a] / det;
-        for (int k = 0; k < 3; k++) *(Wide *)e->normal[k][a] = (Flt8)((Int8)normal[k][a] ^ (turned & INT64_MIN));
+        *(Wide *)out->depth[a] = sum[a] / det;
+        for (int k = 0; k < 3; k++) *(Wide *)out->normal[k][a] = (Flt8)((Int8)normal[k][a] ^ (back & INT64_MIN));
     }
-    for (int i = 0; i < 2; i++) {
-        *(Wide *)e->lo[i] = lo[i], *(Wide *)e->hi[i] = hi[i];
-        e->least[i] = HUGE_VAL, e->most[i] = -HUGE_VAL;
+    for (int i = 0; i < 2; i++) *(Wide *)out->lo[i] = lo[i], *(Wide *)out->hi[i] = hi[i];
+}
+
+/* Appends those of eight triangles that lie in the rectangle. */
+static void add_eight(Search *s, const Window *w, const Rectangle *r, const int32_t *triangle, uint32_t n) {
+    Columns c;
+    uint32_t in, turned;
+    Store *store = s->store;
+    make_columns(s, w, r, triangle, n, &c, &in, &turned);
+    for (; in; in &= in - 1) {
+        const uint32_t i = (uint32_t)__builtin_ctz(in), to = store->neights % 8;
+        if (!to) {
+            if (!window_room(store, &store->eight.data, store->eight.n, &store->eight.room, 1,
+                             sizeof *store->eight.data))
+                return;
+            Eight *fresh = &store->eight.data[store->eight.n++];
+            memset(fresh, 0, sizeof *fresh);
+            for (int a = 0; a < 2; a++) *(Wide *)fresh->lo[a] = (Flt8){0} + HUGE_VAL;
+        }
+        Eight *e = &store->eight.data[store->eight.n - 1];
+        for (int a = 0; a < 3; a++) {
+            e->depth[a][to] = c.depth[a][i];
+            for (int k = 0; k < 3; k++) e->normal[k][a][to] = c.normal[k][a][i];
+        }
+        for (int a = 0; a < 2; a++) e->lo[a][to] = c.lo[a][i], e->hi[a][to] = c.hi[a][i];
+        e->triangle[to] = triangle[i], e->turned[to] = turned >> i & 1;
+        store->neights++;
     }
-    e->turned = bits(&turned);
-    for (uint32_t k = 0; k < 8; k++) {
-        const bool here = k < n && !(without >> k & 1);
-        e->triangle[k] = here ? triangle[k] : -1;
-        for (int i = 0; i < 2 && here; i++)
-            e->least[i] = fmin(e->least[i], e->lo[i][k]), e->most[i] = fmax(e->most[i], e->hi[i][k]);
-    }
-    return true;
 }
 
 static void list(Search *s, const Window *w, const Rectangle *r) {
@@ -155,76 +176,88 @@ static void list(Search *s, const Window *w, const Rectangle *r) {
         plane[4][a] = row[2][a];
     }
     Store *store = s->store;
-    store->eight.n = 0;
+    store->eight.n = store->neights = 0;
     list_triangles(s, (const double(*)[3])plane, w->eye);
-    for (uint32_t i = 0; i < store->list.n; i += 8) {
-        const uint32_t n = store->list.n - i < 8 ? store->list.n - i : 8;
-        if (!window_room(store, &store->eight.data, store->eight.n, &store->eight.room, 1, sizeof *store->eight.data))
-            return;
-        store->eight.n += make_eight(s, w, r, store->list.data + i, n, &store->eight.data[store->eight.n]);
-    }
+    for (uint32_t i = 0; i < store->list.n; i += 8)
+        add_eight(s, w, r, store->list.data + i, store->list.n - i < 8 ? store->list.n - i : 8);
 }
 
-/* Those of the eight that the window may see, as facets. */
-INLINE void survey_eight(Search *s, const Eight *e, const Rectangle *within, double *hidden) {
+/* Those of the eight that the window may see. */
+INLINE void survey_eight(Search *s, uint32_t number, const Rectangle *within, double *hidden) {
     typedef struct {
         double at[8];
     } Row;
+    Store *store = s->store;
+    const Eight *e = &store->eight.data[number];
     const Window *w = &s->window;
     Int8 in = (*(const Wide *)e->lo[0] <= within->hi[0]) & (*(const Wide *)e->hi[0] >= within->lo[0]) &
               (*(const Wide *)e->lo[1] <= within->hi[1]) & (*(const Wide *)e->hi[1] >= within->lo[1]);
     if (!bits(&in)) return;
-    Flt8 g[3][3], depth[3], least, most;
+    Flt8 g[3], least, most;
     Int8 fills = ~(Int8){0};
     for (int k = 0; k < 3; k++) {
         const Flt8 n[3] = {*(const Wide *)e->normal[k][0], *(const Wide *)e->normal[k][1],
                            *(const Wide *)e->normal[k][2]};
-        dot8(n, w->u, &g[k][0]), dot8(n, w->v, &g[k][1]), dot8(n, w->c, &g[k][2]);
-        range_of(g[k], &least, &most);
+        dot8(n, w->u, &g[0]), dot8(n, w->v, &g[1]), dot8(n, w->c, &g[2]);
+        range_of(g, &least, &most);
         in &= most > 0, fills &= least > 0;
     }
     uint32_t some = bits(&in);
     if (!some) return;
     const Flt8 n[3] = {*(const Wide *)e->depth[0], *(const Wide *)e->depth[1], *(const Wide *)e->depth[2]};
-    dot8(n, w->u, &depth[0]), dot8(n, w->v, &depth[1]), dot8(n, w->c, &depth[2]);
-    range_of(depth, &least, &most);
-    Row row[14];
-    memcpy(row, g, 9 * sizeof *row);
-    memcpy(row + 9, depth, 3 * sizeof *row);
-    memcpy(row + 12, &least, sizeof *row), memcpy(row + 13, &most, sizeof *row);
+    dot8(n, w->u, &g[0]), dot8(n, w->v, &g[1]), dot8(n, w->c, &g[2]);
+    range_of(g, &least, &most);
     const uint32_t filling = bits(&fills);
-    Store *store = s->store;
+    Row low, high;
+    memcpy(&low, &least, sizeof low), memcpy(&high, &most, sizeof high);
+    if (!window_room(store, &store->candidate.data, store->candidate.n, &store->candidate.room, 8,
+                     sizeof *store->candidate.data))
+        return;
     for (; some; some &= some - 1) {
         const int i = __builtin_ctz(some);
-        if (e->triangle[i] < 0 || row[13].at[i] < *hidden || !(fabs(row[12].at[i]) + fabs(row[13].at[i]) <= DBL_MAX))
-            continue;
-        if (!window_room(store, &store->facet.data, store->facet.n, &store->facet.room, 1, sizeof *store->facet.data))
-            return;
-        Facet *f = &store->facet.data[store->facet.n++];
-        for (int k = 0; k < 9; k++) f->g[k / 3][k % 3] = row[k].at[i];
-        for (int k = 0; k < 3; k++) f->depth[k] = row[9 + k].at[i];
-        f->least = row[12].at[i], f->most = row[13].at[i];
-        f->triangle = e->triangle[i], f->turned = e->turned >> i & 1, f->fills = filling >> i & 1;
-        if (f->fills && f->least > *hidden) *hidden = f->least;
+        if (high.at[i] < *hidden || !(low.at[i] >= -DBL_MAX && high.at[i] <= DBL_MAX)) continue;
+        Candidate *c = &store->candidate.data[store->candidate.n++];
+        *c = (Candidate){low.at[i], high.at[i], e->triangle[i], 8 * number + (uint32_t)i, filling >> i & 1};
+        if (c->fills && c->least > *hidden) *hidden = c->least;
     }
 }
 
 static void survey(Search *s, const Rectangle *within) {
     Store *store = s->store;
     double hidden = -HUGE_VAL;
-    store->facet.n = 0;
-    for (uint32_t i = 0; i < store->eight.n; i++) {
-        const Eight *e = &store->eight.data[i];
-        if (e->least[0] > within->hi[0] || e->most[0] < within->lo[0] || e->least[1] > within->hi[1] ||
-            e->most[1] < within->lo[1])
-            continue;
-        survey_eight(s, e, within, &hidden);
-    }
     uint32_t n = 0;
-    for (uint32_t i = 0; i < store->facet.n; i++)
-        if (!(store->facet.data[i].most < hidden)) {
-            if (n < i) store->facet.data[n] = store->facet.data[i];
-            n++;
+    store->candidate.n = 0;
+    for (uint32_t i = 0; i < store->eight.n; i++) survey_eight(s, i, within, &hidden);
+    for (uint32_t i = 0; i < store->candidate.n; i++)
+        if (!(store->candidate.data[i].most < hidden)) store->candidate.data[n++] = store->candidate.data[i];
+    store->candidate.n = n;
+}
+
+static void place(const Window *w, const double row[SLT_BEAM_ROWS][LANES], uint32_t width, Places *out) {
+    out->ahead = 0;
+    for (uint32_t k = 0; k < width; k += 8) {
+        Flt8 u[3], v[3], c[3], at[3][4];
+        Int8 ahead = ~(Int8){0};
+        for (int a = 0; a < 3; a++) {
+            const Flt8 eye = *(const Wide *)&row[SLT_BEAM_EYE + a][k];
+            ahead &= eye == w->eye[a];
+            c[a] = *(const Wide *)&row[SLT_BEAM_CORNER + a][k] - eye;
+            u[a] = *(const Wide *)&row[SLT_BEAM_U + a][k], v[a] = *(const Wide *)&row[SLT_BEAM_V + a][k];
         }
-    store->facet.n = n;
+        for (int i = 2; i >= 0; i--) {
+            Flt8 first, s, t;
+            dot8(c, w->plane[i], &first), dot8(u, w->plane[i], &s), dot8(v, w->plane[i], &t);
+            at[i][0] = first, at[i][1] = first + s, at[i][2] = first + t, at[i][3] = first + s + t;
+            if (i < 2) {
+                Flt8 lo = at[i][0] / at[2][0], hi = lo;
+                for (int q = 1; q < 4; q++) {
+                    Flt8 x = at[i][q] / at[2][q];
+                    keep_min(&lo, &x), keep_max(&hi, &x);
+                }
+                *(Wide *)&out->lo[i][k] = lo, *(Wide *)&out->hi[i][k] = hi;
+            } else
+                for (int q = 0; q < 4; q++) ahead &= at[2][q] > 0;
+        }
+        out->ahead |= (uint64_t)bits(&ahead) << k;
+    }
 }

@@ -8,6 +8,7 @@
 #define F64 1
 #include "lanes.h"
 #include "facets.inc.h"
+#include "cover.inc.h"
 
-const FacetSearch facets_avx512 = {.list = list, .survey = survey};
+const FacetSearch facets_avx512 = {.place = place, .list = list, .survey = survey, .cover = cover_all, .split = split};
 #endif

@@ -7,5 +7,6 @@
 #define F64 1
 #include "lanes.h"
 #include "facets.inc.h"
+#include "cover.inc.h"
 
-const FacetSearch facets_plain = {.list = list, .survey = survey};
+const FacetSearch facets_plain = {.place = place, .list = list, .survey = survey, .cover = cover_all, .split = split};

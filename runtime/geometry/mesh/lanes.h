@@ -1,86 +1,206 @@
-/* Eight lanes in the vector extensions of C; what an instruction set lacks compilers write in parts. Every operation
- * rounds as IEEE says, so all instruction sets agree bit for bit.
+/* Lanes in the vector extensions of C; what an instruction set lacks compilers write in parts. Every operation rounds
+ * as IEEE says, so all instruction sets agree bit for bit.
  *
- * Before including: F64, 0 or 1. May be included again with another.
- *   flt  float or double     Flt8  eight of them     Int8  what comparisons give: 0 or -1 in each lane
- * keep_max(a, b): a = b > a ? b : a, keep_min(a, b): a = b < a ? b : a: where b is NaN a stays. */
+ *   F8, D8  eight floats or doubles     F16  sixteen floats
+ *   lower(a, b)  a < b ? a : b          higher(a, b)  a > b ? a : b     so where either is NaN: b
+ *   chosen(m, a, b)  bit k of m ? a[k] : b[k]             least_of(a)  the least lane
+ *   less(a, b)   bit k: a[k] < b[k]     upto(a, b)    bit k: a[k] <= b[k]
+ *
+ * Functions are always inlined: no vector is passed by an ABI. */
+#ifndef SALTUS_MESH_LANES_H
+#define SALTUS_MESH_LANES_H
+
 #include <stdint.h>
 #include <string.h>
 #if defined(__x86_64__)
 #include <immintrin.h>
 #endif
 
-#undef flt
-#undef Flt8
-#undef Int8
-#undef FN
-#define FN_JOIN(a, b) a##_##b
-#if F64
-#define FN(a) FN_JOIN(a, f64)
-#define flt double
-#else
-#define FN(a) FN_JOIN(a, f32)
-#define flt float
-#endif
-#ifdef SALTUS_SANITIZE
-#define INLINE static inline __attribute__((unused))
-#else
 #define INLINE static inline __attribute__((always_inline, unused))
-#endif
-#define Flt8 FN(Flt8)
-#define Int8 FN(Int8)
-#define keep_max FN(keep_max)
-#define keep_min FN(keep_min)
-#define bits FN(bits)
-#define load8 FN(load8)
 
-#if F64
-typedef double Flt8 __attribute__((vector_size(64)));
-typedef int64_t Int8 __attribute__((vector_size(64)));
-#else
-typedef float Flt8 __attribute__((vector_size(32)));
-typedef int32_t Int8 __attribute__((vector_size(32)));
-#endif
+typedef float F8 __attribute__((vector_size(32)));
+typedef float F16 __attribute__((vector_size(64)));
+typedef double D8 __attribute__((vector_size(64)));
+typedef int32_t I8 __attribute__((vector_size(32)));
+typedef int32_t I16 __attribute__((vector_size(64)));
+typedef int64_t L8 __attribute__((vector_size(64)));
 
-INLINE void keep_max(Flt8 *a, Flt8 *b) {
-#if defined(__AVX512F__) && F64
-    *a = (Flt8)_mm512_max_pd((__m512d)*b, (__m512d)*a);
-#elif defined(__AVX__) && !F64
-    *a = (Flt8)_mm256_max_ps((__m256)*b, (__m256)*a);
-#else
-    Int8 m = *b > *a;
-    *a = (Flt8)((m & (Int8)*b) | (~m & (Int8)*a));
-#endif
-}
+/* In parts: T vectors of n, M what their comparisons give. */
+#define LANES_IN_PARTS(T, M, n)                                                                                        \
+    INLINE T lower_##T(T a, T b) {                                                                                     \
+        M m = a < b;                                                                                                   \
+        return (T)((m & (M)a) | (~m & (M)b));                                                                          \
+    }                                                                                                                  \
+    INLINE T higher_##T(T a, T b) {                                                                                    \
+        M m = a > b;                                                                                                   \
+        return (T)((m & (M)a) | (~m & (M)b));                                                                          \
+    }                                                                                                                  \
+    INLINE uint32_t less_##T(T a, T b) {                                                                               \
+        M m = a < b;                                                                                                   \
+        return bits_##T(m);                                                                                            \
+    }                                                                                                                  \
+    INLINE uint32_t upto_##T(T a, T b) {                                                                               \
+        M m = a <= b;                                                                                                  \
+        return bits_##T(m);                                                                                            \
+    }
 
-INLINE void keep_min(Flt8 *a, Flt8 *b) {
-#if defined(__AVX512F__) && F64
-    *a = (Flt8)_mm512_min_pd((__m512d)*b, (__m512d)*a);
-#elif defined(__AVX__) && !F64
-    *a = (Flt8)_mm256_min_ps((__m256)*b, (__m256)*a);
-#else
-    Int8 m = *b < *a;
-    *a = (Flt8)((m & (Int8)*b) | (~m & (Int8)*a));
-#endif
-}
-
-/* Bit k: is lane k on? */
-INLINE uint32_t bits(const Int8 *m) {
-#if defined(__AVX512DQ__) && F64
-    return _mm512_movepi64_mask((__m512i)*m);
-#elif defined(__AVX__) && F64
-    __m256d half[2];
-    memcpy(half, m, sizeof half);
-    return (uint32_t)_mm256_movemask_pd(half[0]) | (uint32_t)_mm256_movemask_pd(half[1]) << 4;
+#if defined(__AVX512VL__)
+INLINE F8 lower_F8(F8 a, F8 b) { return (F8)_mm256_min_ps((__m256)a, (__m256)b); }
+INLINE F8 higher_F8(F8 a, F8 b) { return (F8)_mm256_max_ps((__m256)a, (__m256)b); }
+INLINE uint32_t less_F8(F8 a, F8 b) { return _mm256_cmp_ps_mask((__m256)a, (__m256)b, _CMP_LT_OQ); }
+INLINE uint32_t upto_F8(F8 a, F8 b) { return _mm256_cmp_ps_mask((__m256)a, (__m256)b, _CMP_LE_OQ); }
+INLINE F16 lower_F16(F16 a, F16 b) { return (F16)_mm512_min_ps((__m512)a, (__m512)b); }
+INLINE F16 higher_F16(F16 a, F16 b) { return (F16)_mm512_max_ps((__m512)a, (__m512)b); }
+INLINE uint32_t less_F16(F16 a, F16 b) { return _mm512_cmp_ps_mask((__m512)a, (__m512)b, _CMP_LT_OQ); }
+INLINE uint32_t upto_F16(F16 a, F16 b) { return _mm512_cmp_ps_mask((__m512)a, (__m512)b, _CMP_LE_OQ); }
+INLINE D8 lower_D8(D8 a, D8 b) { return (D8)_mm512_min_pd((__m512d)a, (__m512d)b); }
+INLINE D8 higher_D8(D8 a, D8 b) { return (D8)_mm512_max_pd((__m512d)a, (__m512d)b); }
+INLINE uint32_t less_D8(D8 a, D8 b) { return _mm512_cmp_pd_mask((__m512d)a, (__m512d)b, _CMP_LT_OQ); }
+INLINE uint32_t upto_D8(D8 a, D8 b) { return _mm512_cmp_pd_mask((__m512d)a, (__m512d)b, _CMP_LE_OQ); }
 #elif defined(__AVX__)
-    return (uint32_t)_mm256_movemask_ps((__m256)*m);
-#elif defined(__SSE2__) && !F64
+INLINE F8 lower_F8(F8 a, F8 b) { return (F8)_mm256_min_ps((__m256)a, (__m256)b); }
+INLINE F8 higher_F8(F8 a, F8 b) { return (F8)_mm256_max_ps((__m256)a, (__m256)b); }
+INLINE uint32_t less_F8(F8 a, F8 b) {
+    return (uint32_t)_mm256_movemask_ps(_mm256_cmp_ps((__m256)a, (__m256)b, _CMP_LT_OQ));
+}
+INLINE uint32_t upto_F8(F8 a, F8 b) {
+    return (uint32_t)_mm256_movemask_ps(_mm256_cmp_ps((__m256)a, (__m256)b, _CMP_LE_OQ));
+}
+typedef union Halves {
+    D8 all;
+    __m256d half[2];
+} Halves;
+INLINE D8 lower_D8(D8 a, D8 b) {
+    const Halves x = {.all = a}, y = {.all = b};
+    return (Halves){.half = {_mm256_min_pd(x.half[0], y.half[0]), _mm256_min_pd(x.half[1], y.half[1])}}.all;
+}
+INLINE D8 higher_D8(D8 a, D8 b) {
+    const Halves x = {.all = a}, y = {.all = b};
+    return (Halves){.half = {_mm256_max_pd(x.half[0], y.half[0]), _mm256_max_pd(x.half[1], y.half[1])}}.all;
+}
+INLINE uint32_t less_D8(D8 a, D8 b) {
+    const Halves x = {.all = a}, y = {.all = b};
+    return (uint32_t)_mm256_movemask_pd(_mm256_cmp_pd(x.half[0], y.half[0], _CMP_LT_OQ)) |
+           (uint32_t)_mm256_movemask_pd(_mm256_cmp_pd(x.half[1], y.half[1], _CMP_LT_OQ)) << 4;
+}
+INLINE uint32_t upto_D8(D8 a, D8 b) {
+    const Halves x = {.all = a}, y = {.all = b};
+    return (uint32_t)_mm256_movemask_pd(_mm256_cmp_pd(x.half[0], y.half[0], _CMP_LE_OQ)) |
+           (uint32_t)_mm256_movemask_pd(_mm256_cmp_pd(x.half[1], y.half[1], _CMP_LE_OQ)) << 4;
+}
+#else
+INLINE uint32_t bits_F8(I8 m) {
+#if defined(__SSE2__)
     __m128 half[2];
-    memcpy(half, m, sizeof half);
+    memcpy(half, &m, sizeof half);
     return (uint32_t)_mm_movemask_ps(half[0]) | (uint32_t)_mm_movemask_ps(half[1]) << 4;
 #else
     uint32_t all = 0;
-    for (int k = 0; k < 8; k++) all |= (uint32_t)((*m)[k] & 1) << k;
+    for (int k = 0; k < 8; k++) all |= (uint32_t)(m[k] & 1) << k;
     return all;
 #endif
 }
+INLINE uint32_t bits_D8(L8 m) {
+    uint32_t all = 0;
+    for (int k = 0; k < 8; k++) all |= (uint32_t)(m[k] & 1) << k;
+    return all;
+}
+LANES_IN_PARTS(F8, I8, 8)
+LANES_IN_PARTS(D8, L8, 8)
+#endif
+
+INLINE F8 all_F8(float v) { return (F8){v, v, v, v, v, v, v, v}; }
+INLINE F8 chosen_F8(uint64_t m, F8 a, F8 b) {
+    const I8 bit = {1, 2, 4, 8, 16, 32, 64, 128}, on = ((bit & (int32_t)m) != 0);
+    return (F8)((on & (I8)a) | (~on & (I8)b));
+}
+INLINE D8 chosen_D8(uint64_t m, D8 a, D8 b) {
+    const L8 bit = {1, 2, 4, 8, 16, 32, 64, 128}, on = ((bit & (int64_t)m) != 0);
+    return (D8)((on & (L8)a) | (~on & (L8)b));
+}
+INLINE float least_of_F8(F8 a) {
+    a = lower_F8(a, __builtin_shufflevector(a, a, 4, 5, 6, 7, 0, 1, 2, 3));
+    a = lower_F8(a, __builtin_shufflevector(a, a, 2, 3, 0, 1, 6, 7, 4, 5));
+    return a[0] < a[1] ? a[0] : a[1];
+}
+INLINE double least_of_D8(D8 a) {
+    a = lower_D8(a, __builtin_shufflevector(a, a, 4, 5, 6, 7, 0, 1, 2, 3));
+    a = lower_D8(a, __builtin_shufflevector(a, a, 2, 3, 0, 1, 6, 7, 4, 5));
+    return a[0] < a[1] ? a[0] : a[1];
+}
+#if defined(__AVX512VL__)
+INLINE F16 chosen_F16(uint64_t m, F16 a, F16 b) { return (F16)_mm512_mask_mov_ps((__m512)b, (__mmask16)m, (__m512)a); }
+INLINE float least_of_F16(F16 a) { return _mm512_reduce_min_ps((__m512)a); }
+INLINE uint32_t equal(I16 a, int32_t b) { return _mm512_cmpeq_epi32_mask((__m512i)a, _mm512_set1_epi32(b)); }
+#elif defined(__AVX2__)
+INLINE uint32_t equal(I8 a, int32_t b) { return (uint32_t)_mm256_movemask_ps((__m256)(a == b)); }
+#else
+INLINE uint32_t equal(I8 a, int32_t b) { return bits_F8(a == b); }
+#endif
+
+#if defined(__AVX512VL__)
+#define LANES_OF(op, a) _Generic((a), F8: op##_F8, F16: op##_F16, D8: op##_D8)
+typedef F16 Many; /* floats at once */
+typedef I16 Whether;
+#else
+#define LANES_OF(op, a) _Generic((a), F8: op##_F8, D8: op##_D8)
+typedef F8 Many;
+typedef I8 Whether;
+#endif
+#define lower(a, b) LANES_OF(lower, a)(a, b)
+#define higher(a, b) LANES_OF(higher, a)(a, b)
+#define less(a, b) LANES_OF(less, a)(a, b)
+#define upto(a, b) LANES_OF(upto, a)(a, b)
+#define chosen(m, a, b) LANES_OF(chosen, a)(m, a, b)
+#define least_of(a) LANES_OF(least_of, a)(a)
+
+#if defined(__AVX512F__)
+INLINE D8 wide_F8(F8 v) { return (D8)_mm512_cvtps_pd((__m256)v); }
+INLINE F8 narrow_D8(D8 v) { return (F8)_mm512_cvtpd_ps((__m512d)v); }
+#else
+INLINE D8 wide_F8(F8 v) { return __builtin_convertvector(v, D8); }
+INLINE F8 narrow_D8(D8 v) { return __builtin_convertvector(v, F8); }
+#endif
+
+/* Bit k: bit n of the byte k, of 64 that are aligned. */
+INLINE uint64_t column(const uint8_t *bytes, uint32_t n) {
+#if defined(__AVX512BW__)
+    return _mm512_test_epi8_mask(*(const __m512i *)bytes, _mm512_set1_epi8((char)(1 << n)));
+#else
+    uint64_t all = 0;
+#if defined(__SSE2__)
+    for (int k = 0; k < 4; k++)
+        all |= (uint64_t)(uint32_t)_mm_movemask_epi8(_mm_slli_epi16(((const __m128i *)bytes)[k], 7 - (int)n)) << 16 * k;
+#else
+    for (int k = 0; k < 64; k++) all |= (uint64_t)(bytes[k] >> n & 1) << k;
+#endif
+    return all;
+#endif
+}
+
+/* Not below v, by no more than a few units in its last place. */
+INLINE float outwards_of(double v) {
+    const float near = (float)v;
+    return near + (near < 0 ? -near : near) * 0x1p-22f;
+}
+
+/* The lowest n bits, n from 1 to 64. */
+#define LOW_BITS(n) (~(uint64_t)0 >> (64 - (n)))
+enum { PACKET = 8, FEW = 4, FEW_IN_LEAF = 6, LARGE = 4096 };
+#define NEAR 0.25
+#define SPREAD 0.25f
+enum { RAYS = 64, MANY = sizeof(Many) / sizeof(float) };
+
+/* The least and the most of the rays `who` of a row. */
+INLINE void bounds_of_floats(const float *row, uint64_t who, float *least, float *most) {
+    Many low, high;
+    low = high = (Many){0} + row[__builtin_ctzll(who)];
+    for (uint32_t k = 0; k < RAYS; k += MANY)
+        if (who >> k & LOW_BITS(MANY)) {
+            const Many v = chosen(who >> k & LOW_BITS(MANY), *(const Many *)(row + k), low);
+            low = lower(v, low), high = higher(v, high);
+        }
+    *least = least_of(low), *most = -least_of(-high);
+}
+
+#endif

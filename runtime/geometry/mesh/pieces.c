@@ -17,41 +17,47 @@ enum {
 
 /* ---- windows */
 
-static bool window_set(Window *w, const PieceScene *s, const void *rays, uint32_t lane, uint32_t width) {
-    double row[SLT_BEAM_ROWS];
-    for (uint32_t k = 0; k < SLT_BEAM_ROWS; k++) {
-        const size_t at = (size_t)k * width + lane;
-        row[k] = s->tree.bvh->f64 ? ((const double *)rays)[at] : (double)((const float *)rays)[at];
-        if (!(fabs(row[k]) <= 1e30)) return false;
-    }
-    for (int a = 0; a < 3; a++) {
-        w->eye[a] = row[SLT_BEAM_EYE + a], w->c[a] = row[SLT_BEAM_CORNER + a] - w->eye[a];
-        w->u[a] = row[SLT_BEAM_U + a], w->v[a] = row[SLT_BEAM_V + a];
-    }
+void window_planes(Window *w) {
     window_cross(w->v, w->c, w->plane[0]);
     window_cross(w->c, w->u, w->plane[1]);
     window_cross(w->u, w->v, w->plane[2]);
-    double whole = window_dot(w->u, w->plane[0]);
-    if (whole == 0 || !isfinite(whole)) return false;
-    for (int k = 0; k < 3 && whole < 0; k++)
+    const bool mirrored = window_dot(w->u, w->plane[0]) < 0;
+    for (int k = 0; k < 3 && mirrored; k++)
         for (int a = 0; a < 3; a++) w->plane[k][a] = -w->plane[k][a];
-    return true;
 }
 
-/* Where window w lies in the one of `base`, which has the same eye. False: not ahead of it. */
-static bool lies_in(const Window *base, const Window *w, Rectangle *r) {
-    for (int i = 0; i < 2; i++) r->lo[i] = HUGE_VAL, r->hi[i] = -HUGE_VAL;
-    for (int k = 0; k < 4; k++) {
-        double d[3];
-        for (int a = 0; a < 3; a++) d[a] = w->c[a] + (k & 1 ? w->u[a] : 0) + (k & 2 ? w->v[a] : 0);
-        const double along = window_dot(d, base->plane[2]);
-        if (!(along > 0)) return false;
-        for (int i = 0; i < 2; i++) {
-            const double at = window_dot(d, base->plane[i]) / along;
-            r->lo[i] = fmin(r->lo[i], at), r->hi[i] = fmax(r->hi[i], at);
-        }
+typedef struct Beams {
+    double row[SLT_BEAM_ROWS][LANES];
+    uint64_t mask;
+} Beams;
+
+static void read_beams(Beams *b, bool f64, const void *rays, uint64_t mask, uint32_t width) {
+    const uint32_t padded = (width + 7) / 8 * 8;
+    b->mask = width < 64 ? mask & ((1ull << width) - 1) : mask;
+    for (uint32_t k = 0; k < SLT_BEAM_ROWS; k++) {
+        double *to = b->row[k];
+        for (uint32_t i = 0; i < width; i++)
+            to[i] = f64 ? ((const double *)rays)[(size_t)k * width + i]
+                        : (double)((const float *)rays)[(size_t)k * width + i];
+        for (uint32_t i = width; i < padded; i++) to[i] = 0;
     }
-    return true;
+    for (uint32_t i = 0; i < width; i++) {
+        bool finite = true;
+        for (uint32_t k = 0; k < SLT_BEAM_ROWS; k++) finite &= fabs(b->row[k][i]) <= 1e30;
+        if (!finite) b->mask &= ~(1ull << i);
+    }
+}
+
+/* False: a window that is a line, or passes through its eye. */
+static bool window_set(Window *w, const Beams *b, uint32_t lane) {
+    double n[3];
+    for (int a = 0; a < 3; a++) {
+        w->eye[a] = b->row[SLT_BEAM_EYE + a][lane], w->c[a] = b->row[SLT_BEAM_CORNER + a][lane] - w->eye[a];
+        w->u[a] = b->row[SLT_BEAM_U + a][lane], w->v[a] = b->row[SLT_BEAM_V + a][lane];
+    }
+    window_cross(w->v, w->c, n);
+    const double whole = window_dot(w->u, n);
+    return whole != 0 && isfinite(whole);
 }
 
 static double area_of(const Rectangle *r) { return (r->hi[0] - r->lo[0]) * (r->hi[1] - r->lo[1]); }
@@ -59,9 +65,33 @@ static double area_of(const Rectangle *r) { return (r->hi[0] - r->lo[0]) * (r->h
 /* ---- parts of a window, depth first */
 
 static int nearest_first(const void *x, const void *y) {
-    const Facet *a = x, *b = y;
+    const Candidate *a = x, *b = y;
     if (a->most != b->most) return a->most < b->most ? 1 : -1;
     return (a->triangle > b->triangle) - (a->triangle < b->triangle);
+}
+
+static void sort(Candidate *c, uint32_t n) {
+    if (n > FEW) {
+        qsort(c, n, sizeof *c, nearest_first);
+        return;
+    }
+    for (uint32_t i = 1; i < n; i++) {
+        const Candidate one = c[i];
+        uint32_t k = i;
+        for (; k > 0 && nearest_first(&c[k - 1], &one) > 0; k--) c[k] = c[k - 1];
+        c[k] = one;
+    }
+}
+
+static void facet_of(const Search *s, const Candidate *c, Facet *f) {
+    const Eight *e = &s->store->eight.data[c->at / 8];
+    const uint32_t i = c->at % 8;
+    for (int k = 0; k < 4; k++) {
+        double n[3], *to = k < 3 ? f->g[k] : f->depth;
+        for (int a = 0; a < 3; a++) n[a] = k < 3 ? e->normal[k][a][i] : e->depth[a][i];
+        to[0] = window_dot(n, s->window.u), to[1] = window_dot(n, s->window.v), to[2] = window_dot(n, s->window.c);
+    }
+    f->most = c->most, f->triangle = c->triangle, f->turned = e->turned[i];
 }
 
 /* Where each facet lies, before a window is halved. */
@@ -111,7 +141,7 @@ static bool meets(const Facet *f, const Rectangle *r, double *most, double *leas
 static void look(Search *s, uint32_t from, uint32_t n, const Rectangle *r, int halvings) {
     Store *store = s->store;
     if (n <= FEW || halvings == HALVINGS) {
-        cover_all(store, r, from, n);
+        s->scene->facets->cover(store, r, from, n);
         for (uint32_t i = 0; i < store->piece.n; i++)
             if (store->piece.data[i].n >= 3 && store->piece.data[i].facet >= 0) told_piece(s, &store->piece.data[i]);
         return;
@@ -147,54 +177,74 @@ static void look_through(Search *s, const Rectangle *within) {
     Store *store = s->store;
     s->first = s->last = 0;
     s->scene->facets->survey(s, within);
-    const uint32_t n = store->facet.n;
+    const uint32_t n = store->candidate.n;
     if (!n) return;
-    if (n == 1 && store->facet.data[0].fills) {
-        told_whole(s, &store->facet.data[0]);
+    if (n == 1 && store->candidate.data[0].fills) {
+        told_whole(s, store->candidate.data[0].triangle);
         return;
     }
-    if (n > 1) qsort(store->facet.data, n, sizeof *store->facet.data, nearest_first);
+    store->facet.n = store->chosen.n = 0;
+    if (!window_room(store, &store->facet.data, 0, &store->facet.room, n, sizeof *store->facet.data) ||
+        !window_room(store, &store->chosen.data, 0, &store->chosen.room, n, sizeof *store->chosen.data))
+        return;
+    sort(store->candidate.data, n);
+    for (uint32_t i = 0; i < n; i++) {
+        facet_of(s, &store->candidate.data[i], &store->facet.data[store->facet.n++]);
+        store->chosen.data[store->chosen.n++] = i;
+    }
+    if (n > FEW || s->scene->adjacency) window_planes(&s->window);
     if (n > FEW) locate(s);
-    store->chosen.n = 0;
-    if (!window_room(store, &store->chosen.data, 0, &store->chosen.room, n, sizeof *store->chosen.data)) return;
-    for (uint32_t i = 0; i < n; i++) store->chosen.data[store->chosen.n++] = i;
     look(s, 0, n, &(Rectangle){{0, 0}, {1, 1}}, 0);
 }
 
+/* Lanes from `base` on that look from one eye through windows side by side, which are listed for together; the last of
+ * them. */
+static uint32_t neighbours(const Beams *b, uint32_t base, uint32_t width, const Places *lies, Rectangle *all) {
+    uint32_t last = base;
+    double area = 1;
+    *all = (Rectangle){{0, 0}, {1, 1}};
+    for (uint32_t k = base + 1; k < width; k++) {
+        if (!(b->mask >> k & 1)) continue;
+        if (!(lies->ahead >> k & 1)) break;
+        Rectangle wider = *all, own = {{lies->lo[0][k], lies->lo[1][k]}, {lies->hi[0][k], lies->hi[1][k]}};
+        for (int i = 0; i < 2; i++) {
+            if (own.lo[i] < wider.lo[i]) wider.lo[i] = own.lo[i];
+            if (own.hi[i] > wider.hi[i]) wider.hi[i] = own.hi[i];
+        }
+        if (!(area_of(&wider) <= SPARSE * (area + area_of(&own)))) break;
+        area += area_of(&own);
+        *all = wider, last = k;
+    }
+    return last;
+}
+
 bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint32_t width, int32_t *witness) {
-    enum { MOST = 64 };
     Search s = {.scene = scene, .store = told_store(), .f64 = scene->tree.bvh->f64};
+    Beams beams;
+    Places lies;
+    Rectangle all;
     for (uint32_t k = 0; k < width; k++) witness[k] = 0;
     if (!s.store || !s.store->n) return false;
     s.store->lost = false;
-    Window window[MOST];
-    for (uint32_t k = 0; k < width; k++)
-        if (mask >> k & 1 && !window_set(&window[k], scene, rays, k, width)) mask &= ~(1ull << k);
-    while (mask) {
-        /* Lanes that look from one eye through windows side by side are listed for together. */
-        const uint32_t base = (uint32_t)__builtin_ctzll(mask);
-        uint32_t last = base;
-        Rectangle lies[MOST], all;
-        double area = 1;
-        lies[base] = all = (Rectangle){{0, 0}, {1, 1}};
-        for (uint32_t k = base + 1; k < width; k++) {
-            if (!(mask >> k & 1)) continue;
-            Rectangle wider = all;
-            if (memcmp(window[k].eye, window[base].eye, sizeof window[k].eye) != 0 ||
-                !lies_in(&window[base], &window[k], &lies[k]))
-                break;
-            for (int i = 0; i < 2; i++)
-                wider.lo[i] = fmin(wider.lo[i], lies[k].lo[i]), wider.hi[i] = fmax(wider.hi[i], lies[k].hi[i]);
-            if (!(area_of(&wider) <= SPARSE * (area + area_of(&lies[k])))) break;
-            area += area_of(&lies[k]);
-            all = wider, last = k;
+    read_beams(&beams, s.f64, rays, mask, width);
+    while (beams.mask) {
+        const uint32_t base = (uint32_t)__builtin_ctzll(beams.mask);
+        Window window;
+        if (!window_set(&window, &beams, base)) {
+            beams.mask &= beams.mask - 1;
+            continue;
         }
-        scene->facets->list(&s, &window[base], &all);
+        window_planes(&window);
+        scene->facets->place(&window, (const double(*)[LANES])beams.row, width, &lies);
+        const uint32_t last = neighbours(&beams, base, width, &lies, &all);
+        scene->facets->list(&s, &window, &all);
         for (uint32_t k = base; k <= last; k++) {
-            if (!(mask >> k & 1)) continue;
-            mask &= ~(1ull << k);
-            s.window = window[k];
-            look_through(&s, &lies[k]);
+            if (!(beams.mask >> k & 1)) continue;
+            beams.mask &= ~(1ull << k);
+            Rectangle own = {{0, 0}, {1, 1}};
+            for (int i = 0; i < 2 && k > base; i++) own.lo[i] = lies.lo[i][k], own.hi[i] = lies.hi[i][k];
+            if (!s.store->eight.n || !window_set(&s.window, &beams, k)) continue;
+            look_through(&s, &own);
             witness[k] = (int32_t)s.first;
         }
     }

@@ -1,198 +1,323 @@
-/* One ray at a time against eight boxes or eight triangles. Include with F64 set, behind lanes.h.
+/* Rays against the tree. Include with F64 set, behind lanes.h; first packet.inc.h takes rays that go alike together.
  *
  * A triangle is tested in the space of the ray (Woop, Benthin, Wald 2013): its corners are moved to the ray's origin
- * and sheared so that the ray is an axis, each rounded once, alike for all triangles that share the corner. Of floats
- * the edge functions are products of two floats in double: their signs are exact, and a ray that is inside of one side
- * of an edge is outside of the other, or on both. Of doubles they are rounded, alike seen from both sides of an edge.
- * Then t is a mean of the corners' t, so it lies between them.
+ * and sheared so that the ray is an axis, each rounded once, alike for all triangles that share the corner. The ray is
+ * inside where no two of the edge functions, differences of two products, have opposite signs. Rounded products of
+ * different size tell the sign exactly, since rounding is monotone: most triangles are left so. For the others
+ * products of two floats are taken in double, which is exact: a ray that is inside of one side of an edge is outside of
+ * the other, or on both. Of doubles products are rounded, alike seen from both sides of an edge. Then t is a mean of
+ * the corners' t, so it lies between them.
  *
- * The first hit does not depend on the tree: boxes are widened by more than all that rounding may move, and of equal t
- * the lowest triangle wins. */
-#define shear FN(shear)
-#define Ray FN(BvhRay)
-#define ray_set FN(ray_set)
-#define meet_boxes FN(meet_boxes)
-#define meet_leaf FN(meet_leaf)
-#define meet_moved FN(meet_moved)
-#define meet FN(meet)
-#define descend FN(descend)
-#define search FN(search)
+ * The first hit does not depend on the tree, nor on which rays go together: boxes are widened by more than all that
+ * rounding may move, what leaves out triangles leaves out none that the test takes, and of equal t the lowest triangle
+ * wins. Boxes are tested in floats, of rays in double too: there t is scaled so that d is near 1. */
+#undef flt
+#undef FN
+#undef Flt8
+#define FN_JOIN(a, b) a##_##b
+#if F64
+#define FN(a) FN_JOIN(a, f64)
+#define flt double
+#define Flt8 D8
+#else
+#define FN(a) FN_JOIN(a, f32)
+#define flt float
+#define Flt8 F8
+#endif
 #define Leaf FN(BvhLeafOf)
+#define Group FN(BvhGroup)
+#define Whole FN(BvhWhole)
+#define Narrow FN(BvhNarrow)
+#define GROUP FN(BVH_GROUP)
+#define Rays FN(BvhRays)
+#define set_group FN(set_group)
+#define set_rays FN(set_rays)
+#define inside FN(inside)
+#define meet_leaf FN(meet_leaf)
+#define moved_leaf FN(moved_leaf)
+#define take FN(take)
+#define go_down FN(go_down)
+#define meet_each FN(meet_each)
+#define descend FN(descend)
+#define fetch FN(fetch)
+#define all FN(all)
+#define wide FN(wide)
+#define of_wide FN(of_wide)
+#define same_way FN(same_way)
+#define search FN(search)
 
+/* Group: rays that are worked on at once; Whole: what its comparisons give; Narrow: as many floats. */
 #if F64
 typedef BvhLeaf64 Leaf;
+typedef D8 Group;
+typedef L8 Whole;
+typedef F8 Narrow;
 #else
 typedef BvhLeaf32 Leaf;
+typedef Many Group;
+typedef Whether Whole;
+typedef Many Narrow;
 #endif
+enum { GROUP = sizeof(Group) / sizeof(flt) };
 
-typedef struct Ray {
-    flt o[3], d[3], t0, t1;
-    flt near[3], far[3], inverse[3]; /* a box is entered at (its nearer side - near) * inverse */
-    bool down[3];                    /* d < 0 */
-    int kx, ky, kz;                  /* kz: the longest axis of d */
-    flt sx, sy, sz;
-} Ray;
+typedef struct Rays {
+    flt o[3][RAYS], d[3][RAYS], t0[RAYS], t[RAYS]; /* t: of the first hit so far */
+    flt sx[RAYS], sy[RAYS], sz[RAYS], scale[RAYS];
+    float near[3][RAYS], far[3][RAYS], inverse[3][RAYS]; /* a box is entered at (its nearer side - near) * inverse */
+    float begin[RAYS], end[RAYS];                        /* t0 and t there, outwards */
+    int32_t way[RAYS];                                   /* the longest axis of d, 4 << a where axis a is gone down */
+    int32_t triangle[RAYS];
+} __attribute__((aligned(64))) Rays;
 
-/* False: nothing can be met. */
-INLINE bool ray_set(Ray *r, const BvhScene *s, const flt *rays, uint32_t width) {
+/* ---- rays come */
+
+/* Rays k to k + GROUP - 1, whose rows are there. Bits: of those that can meet anything. */
+INLINE uint32_t set_group(Rays *r, const BvhScene *s, uint32_t k) {
     const flt huge = F64 ? (flt)1e300 : (flt)1e30;
-    double size = s->bvh->magnitude + s->slack;
+    const Whole sign = (Whole) - (Group){0};
+    const Group t0 = *(const Group *)(r->t0 + k), t1 = *(const Group *)(r->t + k);
+    Group d[3], fast[3], size = (Group){0} + (flt)(s->bvh->magnitude + s->slack);
+    Whole fine = t0 <= t1;
     for (int a = 0; a < 3; a++) {
-        r->o[a] = rays[(size_t)a * width], r->d[a] = rays[(size_t)(a + 3) * width];
-        if (!(fabs((double)r->o[a]) < (double)huge) || !(fabs((double)r->d[a]) < (double)huge)) return false;
-        size = fmax(size, fabs((double)r->o[a]));
+        const Group away = (Group)((Whole) * (const Group *)(r->o[a] + k) & ~sign);
+        d[a] = *(const Group *)(r->d[a] + k);
+        fast[a] = (Group)((Whole)d[a] & ~sign);
+        fine &= (away < (flt)1e30) & (fast[a] < huge);
+        size = higher(away, size);
     }
-    r->t0 = rays[(size_t)6 * width], r->t1 = rays[(size_t)7 * width];
-    if (!(r->t0 <= r->t1)) return false;
-    /* Corners less origins are rounded, then sheared: a few units in the last place of the longest of them. */
-    const flt wide = (flt)(size * (F64 ? 0x1p-48 : 0x1p-20) + s->slack);
+    const Whole last = fast[2] > higher(fast[1], fast[0]), middle = ~last & (fast[1] > fast[0]),
+                first = ~(last | middle);
+    const Group dz = (Group)((first & (Whole)d[0]) | (middle & (Whole)d[1]) | (last & (Whole)d[2])),
+                dx = (Group)((first & (Whole)d[1]) | (middle & (Whole)d[2]) | (last & (Whole)d[0])),
+                dy = (Group)((first & (Whole)d[2]) | (middle & (Whole)d[0]) | (last & (Whole)d[1])), sz = 1 / dz;
+    fine &= (sz < huge) & (sz > -huge);
+    *(Group *)(r->sx + k) = dx / dz, *(Group *)(r->sy + k) = dy / dz, *(Group *)(r->sz + k) = sz;
+    /* Corners less origins are rounded, then sheared: a few units in the last place of the longest of them; in floats a
+     * few more for the box itself. */
+    const Group wide = size * (flt)0x1p-19 + (flt)s->slack;
+#if F64
+    const Whole exponent = (Whole)dz & ((Whole){0} + 0x7ff0000000000000);
+    const Group scale = (Group)exponent, against = (Group)(0x7fe0000000000000 - exponent); /* powers of two */
+#else
+    const Group scale = (Group){0} + 1, against = scale;
+#endif
+    *(Group *)(r->scale + k) = scale;
+    Whole way = (middle & 1) | (last & 2);
     for (int a = 0; a < 3; a++) {
-        r->inverse[a] = 1 / r->d[a];
-        r->down[a] = r->inverse[a] < 0;
-        r->near[a] = r->o[a] + (r->down[a] ? -wide : wide), r->far[a] = r->o[a] - (r->down[a] ? -wide : wide);
+        const Group o = *(const Group *)(r->o[a] + k), inverse = 1 / (d[a] * against);
+        const Whole down = inverse < 0;
+        const Group outwards = (Group)((Whole)wide ^ (down & sign));
+        *(Narrow *)(r->near[a] + k) = __builtin_convertvector(o + outwards, Narrow);
+        *(Narrow *)(r->far[a] + k) = __builtin_convertvector(o - outwards, Narrow);
+        *(Narrow *)(r->inverse[a] + k) = __builtin_convertvector(inverse, Narrow);
+        way |= down & (4 << a);
     }
-    r->kz = fabs((double)r->d[1]) > fabs((double)r->d[0]) ? 1 : 0;
-    if (fabs((double)r->d[2]) > fabs((double)r->d[r->kz])) r->kz = 2;
-    if (r->d[r->kz] == 0) return false;
-    r->kx = (r->kz + 1) % 3, r->ky = (r->kx + 1) % 3;
-    r->sx = r->d[r->kx] / r->d[r->kz], r->sy = r->d[r->ky] / r->d[r->kz], r->sz = 1 / r->d[r->kz];
-    return r->sz < huge && r->sz > -huge;
+    typedef int32_t Ways __attribute__((vector_size(4 * GROUP)));
+    *(Ways *)(r->way + k) = __builtin_convertvector(way, Ways);
+    *(Ways *)(r->triangle + k) = (Ways){0} + SLT_WITNESS_NONE;
+    for (uint32_t i = k; i < k + GROUP; i++) {
+        r->begin[i] = -outwards_of(-r->t0[i] * r->scale[i]);
+        r->end[i] = outwards_of(r->t[i] * r->scale[i]);
+    }
+    return less((Group)(fine & (Whole)((Group){0} - 1)), (Group){0});
 }
 
-/* Which of the node's boxes the ray passes before t; *enter: where. */
-INLINE uint32_t meet_boxes(const BvhNode *n, const Ray *r, flt t, Flt8 *enter) {
-    Flt8 in = (Flt8){0} + r->t0, out = (Flt8){0} + t;
-    for (int a = 0; a < 3; a++) {
-        typedef float Row __attribute__((vector_size(32), aligned(32)));
-        const Row *close = (const Row *)(r->down[a] ? n->hi[a] : n->lo[a]),
-                  *away = (const Row *)(r->down[a] ? n->lo[a] : n->hi[a]);
-        Flt8 from = (__builtin_convertvector(*close, Flt8) - r->near[a]) * r->inverse[a],
-             to = (__builtin_convertvector(*away, Flt8) - r->far[a]) * r->inverse[a];
-        keep_max(&in, &from);
-        keep_min(&out, &to);
+/* Bits: of the rays that can meet anything. */
+INLINE uint64_t set_rays(Rays *r, const BvhScene *s, const flt *rays, uint64_t mask, uint32_t width) {
+    flt *const row[8] = {r->o[0], r->o[1], r->o[2], r->d[0], r->d[1], r->d[2], r->t0, r->t};
+    uint64_t fine = 0;
+    for (uint32_t k = 0; k < width; k += GROUP) {
+        if (!(mask >> k & LOW_BITS(GROUP))) continue;
+        for (uint32_t c = 0; c < 8; c++) {
+            const flt *from = rays + (size_t)c * width + k;
+            if (k + GROUP <= width) memcpy(row[c] + k, from, sizeof(Group));
+            else
+                for (uint32_t i = 0; i < GROUP; i++) row[c][k + i] = k + i < width ? from[i] : 0;
+        }
+        fine |= (uint64_t)set_group(r, s, k) << k;
     }
-    Int8 pass = in <= out;
-    *enter = in;
-    return bits(&pass);
+    return fine & mask & LOW_BITS(width);
 }
 
-/* The sheared corner c of eight triangles: x, y across the ray, z its t. */
-INLINE void shear(const Leaf *l, int c, const Ray *r, Flt8 *x, Flt8 *y, Flt8 *z) {
-    typedef flt Row __attribute__((vector_size(8 * sizeof(flt)), aligned(32)));
-    const Flt8 along = *(const Row *)l->at[c][r->kz] - r->o[r->kz];
-    *x = (*(const Row *)l->at[c][r->kx] - r->o[r->kx]) - r->sx * along;
-    *y = (*(const Row *)l->at[c][r->ky] - r->o[r->ky]) - r->sy * along;
-    *z = r->sz * along;
+/* ---- triangles */
+
+/* What is under a child will be read soon. */
+INLINE void fetch(const BvhScene *s, int32_t child) {
+    const char *from =
+        child >= 0 ? (const char *)&s->bvh->node[child] : (const char *)((const Leaf *)s->bvh->leaf + ~child);
+    for (size_t line = 0; line < (child >= 0 ? sizeof(BvhNode) : sizeof(Leaf)); line += 64)
+        __builtin_prefetch(from + line);
 }
 
-/* Lowers *t and *triangle where the leaf has a nearer hit. */
-INLINE void meet_leaf(const Leaf *l, const Ray *r, flt *t, int32_t *triangle) {
-    typedef double Wide __attribute__((vector_size(64)));
-    typedef int64_t Sign __attribute__((vector_size(64)));
-    Flt8 x[3], y[3], z[3];
-    for (int c = 0; c < 3; c++) shear(l, c, r, &x[c], &y[c], &z[c]);
-    Wide e[3], sum = {0}, at = {0};
-    Sign plus = {0}, minus = {0};
+#if F64
+INLINE D8 wide(D8 v) { return v; }
+INLINE D8 of_wide(D8 v) { return v; }
+#else
+INLINE D8 wide(F8 v) { return wide_F8(v); }
+INLINE F8 of_wide(D8 v) { return narrow_D8(v); }
+#endif
+INLINE Flt8 all(flt v) { return (Flt8){v, v, v, v, v, v, v, v}; }
+
+/* Which of eight pairs of a ray and a triangle meet, and where: x, y across the ray, z the t of corners. */
+INLINE uint32_t inside(const Flt8 x[3], const Flt8 y[3], const Flt8 z[3], Flt8 low, Flt8 high, Flt8 *t) {
+    D8 e[3], sum = {0}, at = {0};
+    uint32_t plus = 0, minus = 0;
     for (int c = 0; c < 3; c++) {
         const int p = (c + 1) % 3, q = (c + 2) % 3;
-        e[c] = __builtin_convertvector(x[p], Wide) * __builtin_convertvector(y[q], Wide) -
-               __builtin_convertvector(y[p], Wide) * __builtin_convertvector(x[q], Wide);
-        plus |= e[c] > 0, minus |= e[c] < 0;
+        e[c] = wide(x[p]) * wide(y[q]) - wide(y[p]) * wide(x[q]);
+        plus |= less((D8){0}, e[c]), minus |= less(e[c], (D8){0});
+        sum += e[c], at += e[c] * wide(z[c]);
     }
-    Sign inside = ~(plus & minus) & (plus | minus);
-    int64_t any = 0;
-    for (int k = 0; k < 8; k++) any |= inside[k];
-    if (!any) return;
-    for (int c = 0; c < 3; c++) sum += e[c], at += e[c] * __builtin_convertvector(z[c], Wide);
-    Flt8 found = __builtin_convertvector(at / sum, Flt8);
-    for (int k = 0; k < 8; k++) {
-        if (!inside[k]) continue;
-        flt f = found[k], low = z[0][k], high = low;
-        for (int c = 1; c < 3; c++) low = z[c][k] < low ? z[c][k] : low, high = z[c][k] > high ? z[c][k] : high;
-        f = f < low ? low : f > high ? high : f;
-        if (f < r->t0 || !(f < *t || (f == *t && (*triangle < 0 || l->triangle[k] < *triangle)))) continue;
-        *t = f, *triangle = l->triangle[k];
-    }
+    *t = lower(high, higher(low, of_wide(at / sum)));
+    return plus ^ minus;
 }
 
-/* The same where vertices are not those of the tree. */
-static void meet_moved(const BvhScene *s, const Leaf *l, const Ray *r, flt *t, int32_t *triangle) {
-    _Alignas(32) Leaf now = *l;
+/* Ray k has been found to meet a triangle at t. */
+INLINE void take(Rays *r, uint32_t k, flt t, int32_t triangle) {
+    if (t < r->t0[k] || !(t < r->t[k] || (t == r->t[k] && (r->triangle[k] < 0 || triangle < r->triangle[k])))) return;
+    r->t[k] = t, r->triangle[k] = triangle;
+    r->end[k] = outwards_of(t * r->scale[k]);
+}
+
+/* Ray k against eight triangles. */
+INLINE void meet_leaf(const Leaf *l, Rays *r, uint32_t k) {
+    const int kz = r->way[k] & 3, kx = kz < 2 ? kz + 1 : 0, ky = kx < 2 ? kx + 1 : 0;
+    const flt sx = r->sx[k], sy = r->sy[k], sz = r->sz[k];
+    Flt8 x[3], y[3], z[3];
+    for (int c = 0; c < 3; c++) {
+        const Flt8 along = *(const Flt8 *)l->at[c][kz] - r->o[kz][k];
+        x[c] = (*(const Flt8 *)l->at[c][kx] - r->o[kx][k]) - sx * along;
+        y[c] = (*(const Flt8 *)l->at[c][ky] - r->o[ky][k]) - sy * along;
+        z[c] = sz * along;
+    }
+    uint32_t plus = 0, minus = 0;
+    for (int c = 0; c < 3; c++) {
+        const Flt8 one = x[(c + 1) % 3] * y[(c + 2) % 3], other = y[(c + 1) % 3] * x[(c + 2) % 3];
+        plus |= less(other, one), minus |= less(one, other);
+    }
+    const Flt8 low = lower(z[2], lower(z[1], z[0])), high = higher(z[2], higher(z[1], z[0]));
+    uint32_t may = ~(plus & minus) & upto(low, all(r->t[k])) & upto(all(r->t0[k]), high);
+    if (!may) return;
+    Flt8 t;
+    may &= inside(x, y, z, low, high, &t);
+    for (; may; may &= may - 1) take(r, k, t[__builtin_ctz(may)], l->triangle[__builtin_ctz(may)]);
+}
+
+/* The same triangles where vertices are not those of the tree. */
+static void moved_leaf(const BvhScene *s, const Leaf *l, Leaf *now) {
     const flt *v = s->moved;
+    *now = *l;
     for (int k = 0; k < BVH_LEAF; k++) {
         if (l->triangle[k] < 0) continue;
         bool finite = true;
         for (int c = 0; c < 3; c++)
             for (int a = 0; a < 3; a++) {
-                now.at[c][a][k] = v[3 * (size_t)s->bvh->face[3 * (size_t)l->triangle[k] + (size_t)c] + (size_t)a];
-                finite &= fabs((double)now.at[c][a][k]) <= (double)FLT_MAX;
+                now->at[c][a][k] = v[3 * (size_t)s->bvh->face[3 * (size_t)l->triangle[k] + (size_t)c] + (size_t)a];
+                finite &= fabs((double)now->at[c][a][k]) <= (double)FLT_MAX;
             }
-        for (int c = 0; c < 9 && !finite; c++) now.at[c / 3][c % 3][k] = 0;
+        for (int c = 0; c < 9 && !finite; c++) now->at[c / 3][c % 3][k] = (flt)NAN;
     }
-    meet_leaf(&now, r, t, triangle);
 }
 
-INLINE void meet(const BvhScene *s, int32_t leaf, const Ray *r, flt *t, int32_t *triangle) {
+/* Rays against a leaf, one after the other. */
+INLINE void meet_each(const BvhScene *s, Rays *r, uint64_t who, int32_t leaf) {
     const Leaf *l = (const Leaf *)s->bvh->leaf + leaf;
-    if (s->moved) meet_moved(s, l, r, t, triangle);
-    else meet_leaf(l, r, t, triangle);
+    Leaf now;
+    if (s->moved) moved_leaf(s, l, &now), l = &now;
+    for (; who; who &= who - 1) meet_leaf(l, r, (uint32_t)__builtin_ctzll(who));
 }
 
-static int32_t descend(const BvhScene *s, const Ray *r, bool any) {
+/* Ray k against what is under `at`. */
+INLINE void go_down(const BvhScene *s, Rays *r, uint32_t k, int32_t at, bool any) {
     struct Waiting {
-        flt enter;
+        float enter;
         int32_t child;
-    } stack[BVH_STACK];
-    uint32_t depth = 0;
-    int32_t at = 0, triangle = SLT_WITNESS_NONE;
-    flt t = r->t1;
+    } stack[BVH_STACK], *top = stack;
+    const bool large = s->bvh->nleaves > LARGE;
+    size_t close[3];
+    F8 near[3], far[3], inverse[3];
+    const F8 begin = all_F8(r->begin[k]);
+    for (int a = 0; a < 3; a++) {
+        close[a] = (size_t)(r->way[k] & 4 << a ? 24 : 0) + 8 * (size_t)a;
+        near[a] = all_F8(r->near[a][k]), far[a] = all_F8(r->far[a][k]), inverse[a] = all_F8(r->inverse[a][k]);
+    }
+    F8 end = all_F8(r->end[k]);
     for (;;) {
         if (at >= 0) {
-            typedef struct {
-                flt at[8];
-            } Enters;
-            Flt8 enter;
             const BvhNode *n = &s->bvh->node[at];
-            uint32_t hit = meet_boxes(n, r, t, &enter);
+            const float *box = n->lo[0];
+            F8 in = begin, out = end;
+            for (int a = 0; a < 3; a++) {
+                in = higher((*(const F8 *)(box + close[a]) - near[a]) * inverse[a], in);
+                out = lower((*(const F8 *)((box - close[a]) + 24 + 16 * a) - far[a]) * inverse[a], out);
+            }
+            uint32_t hit = upto(in, out);
             if (hit) {
-                Enters in;
-                memcpy(&in, &enter, sizeof in);
-                int k = __builtin_ctz(hit);
-                hit &= hit - 1;
-                at = n->child[k];
-                flt nearest = in.at[k];
+                float enter[8] __attribute__((aligned(32)));
+                *(F8 *)enter = in;
+                uint32_t i = (uint32_t)__builtin_ctz(hit);
+                at = n->child[i];
+                if (!(hit &= hit - 1)) continue;
                 /* The nearest next; the others wait, the nearest of them on top. */
-                uint32_t bottom = depth;
-                while (hit) {
-                    k = __builtin_ctz(hit);
-                    hit &= hit - 1;
-                    struct Waiting other = {in.at[k], n->child[k]};
+                float nearest = enter[i];
+                struct Waiting *const bottom = top;
+                do {
+                    i = (uint32_t)__builtin_ctz(hit);
+                    struct Waiting other = {enter[i], n->child[i]};
+                    if (large) fetch(s, other.child);
                     if (other.enter < nearest) {
-                        struct Waiting first = {nearest, at};
+                        const struct Waiting first = {nearest, at};
                         nearest = other.enter, at = other.child, other = first;
                     }
-                    uint32_t i = depth++;
-                    for (; i > bottom && stack[i - 1].enter < other.enter; i--) stack[i] = stack[i - 1];
-                    stack[i] = other;
-                }
+                    struct Waiting *place = top++;
+                    for (; !any && place > bottom && place[-1].enter < other.enter; place--) *place = place[-1];
+                    *place = other;
+                } while (hit &= hit - 1);
                 continue;
             }
         } else {
-            meet(s, ~at, r, &t, &triangle);
-            if (any && triangle >= 0) return triangle;
+            meet_each(s, r, (uint64_t)1 << k, ~at);
+            if (any && r->triangle[k] >= 0) return;
+            end = all_F8(r->end[k]);
         }
         do {
-            if (!depth) return triangle;
-            depth--;
-        } while (stack[depth].enter > t);
-        at = stack[depth].child;
+            if (top == stack) return;
+            top--;
+        } while (!any && top->enter > end[0]);
+        at = top->child;
     }
 }
 
+static void descend(const BvhScene *s, Rays *r, uint32_t k, int32_t at, bool any) {
+    if (any) go_down(s, r, k, at, true);
+    else go_down(s, r, k, at, false);
+}
+
+#include "mixed.inc.h"
+#include "packet.inc.h"
+
+/* Which rays of `left` go the same way as ray k. */
+INLINE uint64_t same_way(const Rays *r, uint32_t k, uint64_t left) {
+    uint64_t same = 0;
+    for (uint32_t i = 0; i < RAYS; i += MANY)
+        if (left >> i & LOW_BITS(MANY)) same |= (uint64_t)equal(*(const Whether *)(r->way + i), r->way[k]) << i;
+    return same & left;
+}
+
 static void search(const BvhScene *s, const void *rays, uint64_t mask, uint32_t width, bool any, int32_t *witness) {
-    for (uint32_t k = 0; k < width; k++) {
-        Ray r;
-        witness[k] = SLT_WITNESS_NONE;
-        if (mask >> k & 1 && ray_set(&r, s, (const flt *)rays + k, width)) witness[k] = descend(s, &r, any);
+    Rays r;
+    const uint64_t fine = set_rays(&r, s, rays, mask, width);
+    uint64_t apart = 0;
+    for (uint64_t left = fine; left;) {
+        const uint64_t first = left & -left;
+        const uint64_t same =
+            __builtin_popcountll(left) >= PACKET ? same_way(&r, (uint32_t)__builtin_ctzll(left), left) : first;
+        if (__builtin_popcountll(same) < PACKET || !descend_packet(s, &r, same, any)) apart |= same;
+        left &= ~same;
     }
+    if (__builtin_popcountll(apart) >= PACKET && near_each_other(s, &r, apart)) descend_mixed(s, &r, apart, 0, any);
+    else
+        for (; apart; apart &= apart - 1) descend(s, &r, (uint32_t)__builtin_ctzll(apart), 0, any);
+    for (uint32_t k = 0; k < width; k++)
+        witness[k] = !(fine >> k & 1) || r.triangle[k] < 0 ? SLT_WITNESS_NONE : any ? 0 : r.triangle[k];
 }

@@ -7,12 +7,11 @@
 #include "saltus/query.h"
 
 #if defined(__AVX2__)
-#define F64 0
 #include "lanes.h"
+#define F64 0
 #include "rays.inc.h"
 #undef F64
 #define F64 1
-#include "lanes.h"
 #include "rays.inc.h"
 
 const BvhSearches bvh_avx2 = {.name = "AVX2", .by = {search_f32, search_f64}};

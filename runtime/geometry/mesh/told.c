@@ -23,8 +23,8 @@ static pthread_once_t once = PTHREAD_ONCE_INIT;
 
 static void release(void *p) {
     Store *s = p;
-    free(s->unit), free(s->list.data), free(s->eight.data), free(s->facet.data), free(s->chosen.data);
-    free(s->crossing.data), free(s->piece.data), free(s);
+    free(s->unit), free(s->list.data), free(s->eight.data), free(s->candidate.data), free(s->facet.data);
+    free(s->chosen.data), free(s->crossing.data), free(s->piece.data), free(s);
 }
 
 static void make_key(void) { (void)pthread_key_create(&key, release); }
@@ -109,8 +109,8 @@ static uint32_t tell(Search *s, int32_t triangle, double area, double at_s, doub
     return unit;
 }
 
-void told_whole(Search *s, const Facet *f) {
-    if (room_for_piece(s->store)) tell(s, f->triangle, 1, 0.5, 0.5, 0);
+void told_whole(Search *s, int32_t triangle) {
+    if (room_for_piece(s->store)) tell(s, triangle, 1, 0.5, 0.5, 0);
 }
 
 /* ---- sides */
@@ -257,7 +257,7 @@ static void tell_in_two(Search *s, const Polygon *p) {
         g[0] = ds, g[1] = dt, g[2] = -0.5 * (ds * (p->s[next] + p->s[k]) + dt * (p->t[next] + p->t[k]));
     }
     Polygon half[2];
-    cover_split(p, g, SIDE_FIXED, &half[0], &half[1]);
+    s->scene->facets->split(p, g, SIDE_FIXED, &half[0], &half[1]);
     for (int i = 0; i < 2; i++)
         if (half[i].n < p->n + 2) told_piece(s, &half[i]);
 }
@@ -267,12 +267,12 @@ void told_piece(Search *s, const Polygon *p) {
     for (uint32_t k = 1; k + 1 < p->n; k++) {
         const double as = p->s[k] - p->s[0], at = p->t[k] - p->t[0], bs = p->s[k + 1] - p->s[0],
                      bt = p->t[k + 1] - p->t[0], part = 0.5 * (as * bt - at * bs);
-        area += part, centre[0] += part * (as + bs) / 3, centre[1] += part * (at + bt) / 3;
+        area += part, centre[0] += part * (as + bs), centre[1] += part * (at + bt);
     }
     if (!(area > 0) || !room_for_piece(s->store)) return;
     const uint32_t sides = tell_sides(s, p);
     if (sides > SLT_PIECE_MAX_SIDES) tell_in_two(s, p);
     else
-        tell(s, s->store->facet.data[p->facet].triangle, area, p->s[0] + centre[0] / area, p->t[0] + centre[1] / area,
-             sides);
+        tell(s, s->store->facet.data[p->facet].triangle, area, p->s[0] + centre[0] / (3 * area),
+             p->t[0] + centre[1] / (3 * area), sides);
 }

@@ -6,6 +6,7 @@
 #include "walk.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "saltus/mesh.h"
 #include "saltus/query.h"
@@ -16,10 +17,10 @@ enum {
     MOST_FLAT = 16        /* faces without area that are passed at one edge */
 };
 #define FLAT 1e-28      /* of such a face the square of the sine between its sides */
+/* The sine of the angle below which a face is seen edge-on. */
+#define EDGE_ON(f) ((f)->mesh->f64 ? 0x1p-40 : 0x1p-20)
 /* Of equal t up to rounding, in parts of the greater: which face a ray meets was decided in the mesh's precision. */
 #define SAME_DEPTH(f) ((f)->mesh->f64 ? 0x1p-40 : 0x1p-20)
-/* What parts two rays may be nearer to one of them than rounding, and the walk passes it. */
-#define BEYOND 2.0
 
 /* The rays from one end of a pair to the other. */
 typedef struct Family {
@@ -133,15 +134,16 @@ static double leaves(const Family *f, const Place *at, int *over) {
     return first;
 }
 
-/* On which side of the plane of the ray s's origin and the edge from p to q is v? */
+/* On which side of the plane of the ray s's origin and the edge from p to q is v? 0: in it, up to rounding, as a face
+ * is that is seen edge-on. */
 static double side_of(const Family *f, double s, int32_t p, int32_t q, int32_t v) {
-    double at[3][3], o[3], d[3], along[3], n[3];
+    double at[3][3], o[3], d[3], along[3], away[3], n[3];
     ray_at(f, s, o, d);
     vertex(f, p, at[0]), vertex(f, q, at[1]), vertex(f, v, at[2]);
-    minus(at[1], at[0], along);
-    minus(at[0], o, at[0]), minus(at[2], o, at[2]);
+    minus(at[1], at[0], along), minus(at[2], at[0], away), minus(at[0], o, at[0]);
     cross(at[0], along, n);
-    return dot(at[2], n);
+    double side = dot(away, n);
+    return fabs(side) <= EDGE_ON(f) * sqrt(dot(away, away) * dot(n, n)) ? 0 : side;
 }
 
 static bool is_flat(const Family *f, int32_t face) {
@@ -169,16 +171,30 @@ static Line edge_line(const Family *f, int32_t face, int k) {
     return p < q ? (Line){p, q} : (Line){q, p};
 }
 
+/* Do the two sides of an edge, that of face a and that of face b, lie at different places of a texture? */
+static bool is_seam(const Family *f, int32_t a, int k, int32_t b, int over) {
+    const int32_t *uv = f->mesh->face + (SLT_MESH_FACE + SLT_MESH_PART) * (size_t)f->mesh->adjacency->nfaces;
+    const int each = SLT_MESH_UV / 3;
+    for (int end = 0; end < 2; end++) {
+        const int at = (k + end) % 3, same = corner(f, b, over) == corner(f, a, at) ? over : (over + 1) % 3;
+        if (memcmp(uv + SLT_MESH_UV * (size_t)a + each * at, uv + SLT_MESH_UV * (size_t)b + each * same,
+                   (size_t)each * sizeof *uv) != 0)
+            return true;
+    }
+    return false;
+}
+
 /* Over edge k, which the ray at->s meets, to the face beyond. */
-static Outcome pass(const Family *f, Place *at, int k, bool edges, Line *line) {
+static Outcome pass(const Family *f, Place *at, int k, int edges, Line *line) {
     int32_t face = at->face, behind = corner(f, face, k + 2);
     for (int flat = 0; flat <= MOST_FLAT; flat++) {
         *line = edge_line(f, face, k);
         int32_t half = f->mesh->adjacency->across[3 * (int64_t)face + k];
         if (line->a == line->b) return LOST;
-        if (half < 0 || edges) return PARTED;
+        if (half < 0 || edges == SLT_EDGES_ALL) return PARTED;
         int32_t next = half / 3;
         int over = half % 3;
+        if (edges == SLT_EDGES_SEAMS && is_seam(f, face, k, next, over)) return PARTED;
         if (is_flat(f, next)) {
             face = next, k = leaves_flat(f, at->s, next, over);
             continue;
@@ -192,8 +208,8 @@ static Outcome pass(const Family *f, Place *at, int k, bool edges, Line *line) {
     return LOST;
 }
 
-/* One face further, but not beyond `until`. edges: every edge parts. */
-static Outcome step(const Family *f, Place *at, double until, bool edges, Line *line) {
+/* One face further, but not beyond `until`. edges: SLT_EDGES_* part, besides. */
+static Outcome step(const Family *f, Place *at, double until, int edges, Line *line) {
     int k;
     double s = leaves(f, at, &k), to = s < until ? s : until;
     double t = t_at(f, at->face, to), t0 = end_at(f->t0, to), t1 = end_at(f->t1, to);
@@ -209,7 +225,7 @@ static Outcome step(const Family *f, Place *at, double until, bool edges, Line *
     return s < until ? pass(f, at, k, edges, line) : ARRIVED;
 }
 
-static Outcome walk(const Family *f, Place *at, double until, bool edges, Line *line) {
+static Outcome walk(const Family *f, Place *at, double until, int edges, Line *line) {
     for (int steps = 0, turns = 0; steps < MOST_STEPS && turns < MOST_TURNS; steps++) {
         double s = at->s;
         Outcome o = step(f, at, until, edges, line);
@@ -217,6 +233,21 @@ static Outcome walk(const Family *f, Place *at, double until, bool edges, Line *
         turns = at->s > s ? 0 : turns + 1;
     }
     return LOST;
+}
+
+/* Where the walk arrives, but the ray there meets something else, or nothing: rounding has parted them, at the edge of
+ * the face that is nearest. */
+static Outcome nearest(const Family *f, Place *at, int edges, Line *line) {
+    double p[3][3], c[3], along[3], least = INFINITY;
+    int near = 0;
+    corners(f, at->face, p);
+    for (int k = 0; k < 3; k++) {
+        edge_quadric(f, p[k], p[(k + 1) % 3], c);
+        minus(p[(k + 1) % 3], p[k], along);
+        double away = fabs(c[0] + at->s * (c[1] + at->s * c[2])) / sqrt(dot(along, along));
+        if (away < least) least = away, near = k;
+    }
+    return pass(f, at, near, edges, line) == PARTED ? PARTED : LOST;
 }
 
 static bool same_depth(const Family *f, int32_t a, int32_t b, double s) {
@@ -248,16 +279,16 @@ static Outcome find_crossing(const Family *f, Place a, Place b, double until, Li
 }
 
 /* f: from the ray that meets face a to the one that meets face b, back: from that one; -1: nothing. */
-static Outcome between(const Family *f, const Family *back, int32_t a, int32_t b, bool edges, Line *line) {
+static Outcome between(const Family *f, const Family *back, int32_t a, int32_t b, int edges, Line *line) {
     Place pa = {.face = a, .over = -1}, pb = {.face = b, .over = -1};
     if (a < 0 || b < 0) {
-        Outcome o = a >= 0 ? walk(f, &pa, BEYOND, edges, line) : walk(back, &pb, BEYOND, edges, line);
-        return o == PARTED ? PARTED : LOST;
+        Outcome o = a >= 0 ? walk(f, &pa, 1, edges, line) : walk(back, &pb, 1, edges, line);
+        return o == ARRIVED ? nearest(a >= 0 ? f : back, a >= 0 ? &pa : &pb, edges, line) : o;
     }
     Outcome from_a = walk(f, &pa, 1, edges, line);
     if (from_a == LOST) return LOST;
     if (from_a == ARRIVED && same_depth(f, pa.face, b, 1))
-        return edges ? walk(back, &pb, BEYOND, edges, line) : ARRIVED;
+        return edges == SLT_EDGES_ALL ? nearest(f, &pa, edges, line) : ARRIVED;
     double end = pa.s; /* up to here goes the surface of a, from `begin` on that of b */
     Line of_b;
     Outcome from_b = walk(back, &pb, 1 - end, edges, &of_b);
@@ -309,7 +340,7 @@ static int32_t answer(const WalkMesh *m, const double row[SLT_PAIR_ROWS]) {
             b = (int32_t)row[second ? SLT_PAIR_FACE : SLT_PAIR_OTHER_FACE];
     if (a == b) return SLT_WITNESS_NONE;
     Line line = {0};
-    Outcome o = between(&f, &back, a, b, row[SLT_PAIR_EDGES] != 0, &line);
+    Outcome o = between(&f, &back, a, b, (int)row[SLT_PAIR_EDGES], &line);
     if (o != PARTED) return o == ARRIVED ? SLT_WITNESS_NONE : SLT_BETWEEN_LOST;
     return row[SLT_PAIR_WHICH] != 0 ? line.b : line.a;
 }

@@ -17,7 +17,7 @@
 
 typedef struct WalkMesh {
     const Adjacency *adjacency;
-    const int32_t *face; /* [nfaces][3] */
+    const int32_t *face; /* the topology of saltus/mesh.h */
     const void *vertex;  /* [nvertices][3] of float or double */
     bool f64;
 } WalkMesh;

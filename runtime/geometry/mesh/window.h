@@ -7,31 +7,38 @@
 
 typedef struct Window {
     double eye[3], u[3], v[3], c[3];
-    double plane[3]
-                [3]; /* rows of the inverse of (u v c) times |its determinant|: w s, w t, w of a point, w > 0 ahead */
+    double plane[3][3]; /* rows of the inverse of (u v c) times |its determinant|: w s, w t, w of a point, w > 0 ahead;
+                           where they are asked */
 } Window;
 
 typedef struct Rectangle {
     double lo[2], hi[2];
 } Rectangle;
 
-/* Triangles that windows of one eye may see, eight in a row. A place without one has number -1. */
+/* Triangles that windows of one eye may see, eight in a row. A place without one is empty: lo > hi. */
 typedef struct Eight {
     double normal[3][3][8];    /* [edge][axis]: d . normal is g, positive inside */
     double depth[3][8];        /* d . depth is 1 / t */
     double lo[2][8], hi[2][8]; /* where it lies in the window that they were listed for */
-    double least[2], most[2];  /* of lo, hi */
     int32_t triangle[8];
-    uint32_t turned; /* bit i: edges run from their second corner to their first for g to be positive inside */
+    uint8_t turned[8]; /* edges run from their second corner to their first for g to be positive inside */
 } Eight;
 
-/* A triangle in a window. */
+/* A triangle that a window may see. */
+typedef struct Candidate {
+    double least, most; /* of 1 / t at the window's corners */
+    int32_t triangle;
+    uint32_t at; /* in store->eight, eight times */
+    bool fills;  /* all of the window */
+} Candidate;
+
+/* The same where that is not all there is to say. */
 typedef struct Facet {
     double g[3][3], depth[3];
-    double least, most;  /* of 1 / t at the corners of what is looked at */
-    double lo[2], hi[2]; /* where it lies, if it is asked */
+    double most;         /* of 1 / t at the window's corners */
+    double lo[2], hi[2]; /* where it lies, if the window is halved */
     int32_t triangle;
-    bool turned, fills; /* fills: all that is looked at */
+    bool turned;
 } Facet;
 
 /* Where two facets cross. */
@@ -46,8 +53,8 @@ typedef struct Crossing {
 #define SIDE_CROSSING 0x80000000u
 
 enum {
-    CORNERS = 20, /* of a polygon, at most; one that is kept has at most KEPT */
-    KEPT = 12
+    CORNERS = 16, /* of a polygon, at most; one that is kept has at most KEPT */
+    KEPT = 8
 };
 #define ON_LINE 2e-13 /* of a window's side: nearer to a line is on it */
 #define SAME_DEPTH 1e-11
@@ -77,6 +84,8 @@ typedef struct Store {
     bool lost; /* something did not fit */
     ROW(int32_t) list;
     ROW(Eight) eight;
+    uint32_t neights; /* triangles in them */
+    ROW(Candidate) candidate;
     ROW(Facet) facet;
     ROW(uint32_t) chosen; /* facets of a part of the window */
     ROW(Crossing) crossing;
@@ -99,14 +108,30 @@ typedef struct Search {
     uint32_t first, last; /* units of pieces; 0: none yet */
 } Search;
 
-/* facets.inc.h. `list` fills store->eight with the triangles in the frustum of a rectangle of a window; `survey` fills
- * store->facet with those of them that s->window may see, which lies in rectangle `within` of that one, nearest first
- * unless they are many. */
+enum { LANES = 64 };
+
+/* Where windows lie in another. */
+typedef struct Places {
+    uint64_t ahead; /* of which windows that can be said */
+    double lo[2][LANES], hi[2][LANES];
+} Places;
+
+/* facets.inc.h, cover.inc.h */
 typedef struct FacetSearch {
+    /* Where the windows of the lanes, rows of SltBeamRow, lie in the window. */
+    void (*place)(const Window *window, const double row[SLT_BEAM_ROWS][LANES], uint32_t width, Places *out);
+    /* Fills store->eight with the triangles in a rectangle of the window. */
     void (*list)(Search *s, const Window *window, const Rectangle *r);
+    /* Fills store->candidate with those of them that s->window may see, which lies in rectangle `within` of that one.
+     */
     void (*survey)(Search *s, const Rectangle *within);
+    /* store->piece becomes what is seen in a rectangle of facets chosen[from], ..., nearest first. */
+    void (*cover)(Store *store, const Rectangle *r, uint32_t from, uint32_t n);
+    /* What lies on either side of the line g = 0; in: where it is positive. */
+    void (*split)(const Polygon *p, const double g[3], uint32_t side, Polygon *in, Polygon *out);
 } FacetSearch;
 
+void window_planes(Window *w);
 static inline double window_at(const double g[3], double s, double t) { return g[0] * s + g[1] * t + g[2]; }
 static inline double window_dot(const double a[3], const double b[3]) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -126,14 +151,9 @@ static inline void window_vertex(const Search *s, int32_t vertex, double out[3])
             s->window.eye[a];
 }
 
-/* cover.c: store->piece becomes what is seen in a rectangle of facets chosen[from], ..., nearest first. */
-void cover_all(Store *store, const Rectangle *r, uint32_t from, uint32_t n);
-/* What lies on either side of the line g = 0; in: where it is positive. */
-void cover_split(const Polygon *p, const double g[3], uint32_t side, Polygon *in, Polygon *out);
-
 /* told.c */
 Store *told_store(void); /* of the thread; NULL: out of memory */
-void told_whole(Search *s, const Facet *f);
+void told_whole(Search *s, int32_t triangle);
 void told_piece(Search *s, const Polygon *p);
 
 #endif

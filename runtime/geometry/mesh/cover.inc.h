@@ -1,31 +1,30 @@
-/* Convex polygons: split by half-planes, covered by what is nearer. */
-#include <math.h>
-#include <string.h>
+/* Convex polygons: split by half-planes, covered by what is nearer. Include behind facets.inc.h. */
 
-#include "window.h"
-
-static void add_corner(Polygon *p, double s, double t, uint32_t side) {
+INLINE void add_corner(Polygon *p, double s, double t, uint32_t side) {
     if (p->n == CORNERS) return; /* never: KEPT and four splits are fewer */
     p->s[p->n] = s, p->t[p->n] = t, p->side[p->n++] = side;
 }
 
 /* As much of it as there is. */
-static void copy(Polygon *to, const Polygon *from) {
+INLINE void copy(Polygon *to, const Polygon *from) {
+    const size_t n = from->n <= 8 ? 8 : CORNERS;
     to->facet = from->facet, to->n = from->n, to->least = from->least;
-    memcpy(to->s, from->s, from->n * sizeof *to->s);
-    memcpy(to->t, from->t, from->n * sizeof *to->t);
-    memcpy(to->side, from->side, from->n * sizeof *to->side);
+    memcpy(to->s, from->s, n * sizeof *to->s);
+    memcpy(to->t, from->t, n * sizeof *to->t);
+    memcpy(to->side, from->side, n * sizeof *to->side);
 }
 
-/* g at the corners, 0 where they are on the line; which of them are positive, which negative. */
-static void signs(const Polygon *p, const double g[3], double d[CORNERS], uint32_t *plus, uint32_t *minus) {
+/* g at the corners, 0 where they are on the line; which of them are positive, which negative. One by one: they have
+ * just been written so, and processors do not read several writes as one. */
+INLINE void signs(const Polygon *p, const double g[3], double d[CORNERS], uint32_t *plus, uint32_t *minus) {
     const double near = ON_LINE * (fabs(g[0]) + fabs(g[1]));
-    *plus = *minus = 0;
+    uint32_t above = 0, below = 0;
     for (uint32_t k = 0; k < p->n; k++) {
-        d[k] = window_at(g, p->s[k], p->t[k]);
-        if (fabs(d[k]) <= near) d[k] = 0;
-        *plus |= (uint32_t)(d[k] > 0) << k, *minus |= (uint32_t)(d[k] < 0) << k;
+        const double at = window_at(g, p->s[k], p->t[k]);
+        above |= (uint32_t)(at > near) << k, below |= (uint32_t)(at < -near) << k;
+        d[k] = fabs(at) <= near ? 0 : at;
     }
+    *plus = above, *minus = below;
 }
 
 /* A corner on the line is of both; a new one is the same in both. */
@@ -44,7 +43,7 @@ static void part(const Polygon *p, const double d[CORNERS], uint32_t side, Polyg
     }
 }
 
-void cover_split(const Polygon *p, const double g[3], uint32_t side, Polygon *in, Polygon *out) {
+static void split(const Polygon *p, const double g[3], uint32_t side, Polygon *in, Polygon *out) {
     double d[CORNERS];
     uint32_t plus, minus;
     signs(p, g, d, &plus, &minus);
@@ -76,50 +75,59 @@ static void keep(Store *store, const Polygon *p) {
 
 /* It is the facet's now. */
 static void take(Polygon *p, const Facet *f, uint32_t number) {
+    double least = HUGE_VAL;
     p->facet = (int32_t)number;
-    p->least = HUGE_VAL;
-    for (uint32_t k = 0; k < p->n; k++) p->least = fmin(p->least, window_at(f->depth, p->s[k], p->t[k]));
+    for (uint32_t k = 0; k < p->n; k++) {
+        const double d = window_at(f->depth, p->s[k], p->t[k]);
+        if (d < least) least = d;
+    }
+    p->least = least;
+}
+
+/* Where at the corners is the depth of f more than the other's, where less? */
+INLINE void compare(const Polygon *p, const Facet *f, const Facet *other, bool *front, bool *behind) {
+    *front = *behind = false;
+    for (uint32_t k = 0; k < p->n; k++) {
+        const double mine = window_at(f->depth, p->s[k], p->t[k]), its = window_at(other->depth, p->s[k], p->t[k]),
+                     near = SAME_DEPTH * (fabs(mine) + fabs(its));
+        *front |= mine - its > near, *behind |= mine - its < -near;
+    }
+    if (!*front && !*behind) *front = f->triangle < other->triangle;
 }
 
 /* Puts facet `number` into piece `which`, of whose rests some become further pieces. */
 static void cover(Store *store, uint32_t which, uint32_t number) {
     const Facet *f = &store->facet.data[number];
-    const Polygon *old = &store->piece.data[which];
+    const Polygon *old = &store->piece.data[which], *in = old;
     if (old->facet >= 0 && f->most <= old->least) return;
+    double d[3][CORNERS];
+    uint32_t plus[3], minus[3], nrest = 0;
+    for (int k = 0; k < 3; k++) {
+        signs(old, f->g[k], d[k], &plus[k], &minus[k]);
+        if (!plus[k]) return;
+    }
     Polygon row[2], rest[4];
-    const Polygon *in = old;
-    uint32_t nrest = 0;
     for (uint32_t k = 0; k < 3; k++) {
-        double d[CORNERS];
-        uint32_t plus, minus;
-        signs(in, f->g[k], d, &plus, &minus);
-        if (!plus) return;
-        if (!minus) continue;
+        if (!minus[k]) continue;
+        if (in != old) signs(in, f->g[k], d[k], &plus[k], &minus[k]);
+        if (!plus[k]) return;
+        if (!minus[k]) continue;
         Polygon *to = &row[in == &row[0]];
-        part(in, d, SIDE_OF(number, k), to, &rest[nrest++]);
+        part(in, d[k], SIDE_OF(number, k), to, &rest[nrest++]);
         if (to->n < 3) return;
         in = to;
     }
-    bool front = old->facet < 0, behind = false;
-    Crossing crossing = {.a = f->triangle};
-    if (!front) {
-        const Facet *other = &store->facet.data[old->facet];
-        for (int i = 0; i < 3; i++) crossing.g[i] = f->depth[i] - other->depth[i];
-        crossing.b = other->triangle;
-        for (uint32_t k = 0; k < in->n; k++) {
-            const double mine = window_at(f->depth, in->s[k], in->t[k]),
-                         its = window_at(other->depth, in->s[k], in->t[k]),
-                         near = SAME_DEPTH * (fabs(mine) + fabs(its));
-            front |= mine - its > near, behind |= mine - its < -near;
-        }
-        if (!front && !behind) front = f->triangle < other->triangle;
-        if (!front) return;
-    }
+    bool front = true, behind = false;
+    const Facet *other = old->facet < 0 ? NULL : &store->facet.data[old->facet];
+    if (other) compare(in, f, other, &front, &behind);
+    if (!front) return;
     Polygon mine;
     if (behind) {
+        Crossing crossing = {.a = f->triangle, .b = other->triangle};
         const uint32_t side = SIDE_CROSSING | store->crossing.n;
+        for (int i = 0; i < 3; i++) crossing.g[i] = f->depth[i] - other->depth[i];
         const bool moves = PUSH(store, store->crossing, crossing);
-        cover_split(in, crossing.g, moves ? side : SIDE_FIXED, &mine, &rest[nrest]);
+        split(in, crossing.g, moves ? side : SIDE_FIXED, &mine, &rest[nrest]);
         if (rest[nrest].n) nrest++;
     } else {
         copy(&mine, in);
@@ -132,7 +140,7 @@ static void cover(Store *store, uint32_t which, uint32_t number) {
     for (uint32_t k = 0; k < nrest; k++) keep(store, &rest[k]);
 }
 
-void cover_all(Store *store, const Rectangle *r, uint32_t from, uint32_t n) {
+static void cover_all(Store *store, const Rectangle *r, uint32_t from, uint32_t n) {
     Polygon whole = {.facet = -1, .n = 4};
     for (int k = 0; k < 4; k++) {
         whole.s[k] = k == 1 || k == 2 ? r->hi[0] : r->lo[0], whole.t[k] = k >= 2 ? r->hi[1] : r->lo[1];

@@ -1,13 +1,12 @@
-/* Embree 3 as the anchor of the heightfield benchmark: the terrain as a mesh of triangles or as its grid primitive
- * (split along the same diagonal), one thread. What is timed of a packet call is the call and what must be reset in the
- * packet before it (the far ends, the ids), nothing else. */
-#include "field_bench.h"
+/* Embree 3 as the anchor of benchmarks of rays: a mesh of triangles or its grid primitive, one thread. What is timed of
+ * a packet call is the call and what must be reset in the packet before it (the far ends, the ids), nothing else. */
+#include "rays.h"
 
 const char *const embree_call_names[EMBREE_CALLS] = {"int1", "int8", "int16", "occ1", "occ8", "occ16"};
 
-#ifndef FIELD_EMBREE
-EmbreeScene *embree_scene_make(const Terrain *t, bool grid, double *seconds, size_t *bytes) {
-    (void)t, (void)grid, (void)seconds, (void)bytes;
+#ifndef BENCH_EMBREE
+EmbreeScene *embree_scene_make(const EmbreeSource *from, double *seconds, size_t *bytes) {
+    (void)from, (void)seconds, (void)bytes;
     return NULL;
 }
 void embree_scene_free(EmbreeScene *s) { (void)s; }
@@ -41,37 +40,28 @@ static bool count_bytes(void *user, ssize_t bytes, bool post) {
     return true;
 }
 
-EmbreeScene *embree_scene_make(const Terrain *t, bool grid, double *seconds, size_t *bytes) {
+EmbreeScene *embree_scene_make(const EmbreeSource *from, double *seconds, size_t *bytes) {
     EmbreeScene *s = calloc(1, sizeof *s);
     static _Atomic long used;
     atomic_store(&used, 0);
     s->device = rtcNewDevice("threads=1,set_affinity=0");
     rtcSetDeviceMemoryMonitorFunction(s->device, count_bytes, &used);
-    uint32_t n = t->n;
-    RTCGeometry g = rtcNewGeometry(s->device, grid ? RTC_GEOMETRY_TYPE_GRID : RTC_GEOMETRY_TYPE_TRIANGLE);
-    float *v = rtcSetNewGeometryBuffer(g, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12, (size_t)n * n);
-    for (uint32_t j = 0; j < n; j++)
-        for (uint32_t i = 0; i < n; i++) {
-            float *p = v + 3 * ((size_t)j * n + i);
-            p[0] = (float)i, p[1] = (float)j, p[2] = terrain_at(t, i, j);
-        }
-    if (grid) {
-        struct RTCGrid *one = rtcSetNewGeometryBuffer(g, RTC_BUFFER_TYPE_GRID, 0, RTC_FORMAT_GRID, sizeof *one, 1);
-        *one = (struct RTCGrid){.startVertexID = 0, .stride = n, .width = (uint16_t)n, .height = (uint16_t)n};
+    RTCGeometry g = rtcNewGeometry(s->device, from->face ? RTC_GEOMETRY_TYPE_TRIANGLE : RTC_GEOMETRY_TYPE_GRID);
+    float *v = rtcSetNewGeometryBuffer(g, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12, from->nvertices);
+    memcpy(v, from->vertex, 12 * (size_t)from->nvertices);
+    if (from->face) {
+        uint32_t *tri = rtcSetNewGeometryBuffer(g, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 12, from->nfaces);
+        memcpy(tri, from->face, 12 * (size_t)from->nfaces);
     } else {
-        uint32_t *tri =
-            rtcSetNewGeometryBuffer(g, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 12, 2 * (size_t)(n - 1) * (n - 1));
-        for (uint32_t j = 0; j + 1 < n; j++)
-            for (uint32_t i = 0; i + 1 < n; i++) {
-                uint32_t a = j * n + i, quad[6] = {a, a + 1, a + n, a + 1, a + n + 1, a + n};
-                memcpy(tri, quad, sizeof quad);
-                tri += 6;
-            }
+        struct RTCGrid *one = rtcSetNewGeometryBuffer(g, RTC_BUFFER_TYPE_GRID, 0, RTC_FORMAT_GRID, sizeof *one, 1);
+        *one = (struct RTCGrid){
+            .startVertexID = 0, .stride = from->side, .width = (uint16_t)from->side, .height = (uint16_t)from->side};
     }
-    long buffers = atomic_load(&used); /* vertices and indices: said apart, 12 bytes a vertex and 24 a cell */
+    long buffers = atomic_load(&used);
     double start = bench_now();
     rtcCommitGeometry(g);
     s->scene = rtcNewScene(s->device);
+    if (from->robust) rtcSetSceneFlags(s->scene, RTC_SCENE_FLAG_ROBUST);
     rtcAttachGeometry(s->scene, g);
     rtcCommitScene(s->scene);
     *seconds = bench_now() - start;

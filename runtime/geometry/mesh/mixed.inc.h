@@ -1,0 +1,77 @@
+/* Rays that go apart, together as long as they meet the same nodes: rays.inc.h includes this behind its tests of single
+ * rays. One ray after the other is tested against a node's eight boxes, without a decision in between; then the node's
+ * children in turn are entered by the rays that pass them. A ray that is left alone goes on alone. */
+#define pass_boxes FN(pass_boxes)
+#define near_each_other FN(near_each_other)
+#define descend_mixed FN(descend_mixed)
+
+/* Which boxes of the node ray k passes. */
+INLINE uint32_t pass_boxes(const BvhNode *n, const Rays *r, uint32_t k, F8 *enter) {
+    F8 in = all_F8(r->begin[k]), out = all_F8(r->end[k]);
+    for (int a = 0; a < 3; a++) {
+        const float *box = n->lo[a];
+        const size_t far = r->way[k] & 4 << a ? 0 : 24;
+        const F8 inverse = all_F8(r->inverse[a][k]);
+        in = higher((*(const F8 *)(box + 24 - far) - all_F8(r->near[a][k])) * inverse, in);
+        out = lower((*(const F8 *)(box + far) - all_F8(r->far[a][k])) * inverse, out);
+    }
+    *enter = in;
+    return upto(in, out);
+}
+
+/* Do they begin so near each other that they meet the same nodes at first? */
+INLINE bool near_each_other(const BvhScene *s, const Rays *r, uint64_t who) {
+    const float apart = (float)(s->bvh->magnitude * NEAR);
+    for (int a = 0; a < 3; a++) {
+        float least, most;
+        bounds_of_floats(r->near[a], who, &least, &most);
+        if (!(most - least <= apart)) return false;
+    }
+    return true;
+}
+
+static void descend_mixed(const BvhScene *s, Rays *r, uint64_t who, int32_t at, bool any) {
+    struct Waiting {
+        uint64_t who;
+        int32_t child;
+        float enter;
+    } stack[BVH_STACK];
+    uint32_t depth = 0;
+    uint64_t here = who;
+    for (;;) {
+        const BvhNode *n = &s->bvh->node[at];
+        uint8_t pass[RAYS] __attribute__((aligned(64))) = {0};
+        float enter[8] __attribute__((aligned(32)));
+        F8 nearest = all_F8(HUGE_VALF);
+        for (uint64_t k = here; k; k &= k - 1) {
+            F8 in;
+            const uint32_t ray = (uint32_t)__builtin_ctzll(k), boxes = pass_boxes(n, r, ray, &in);
+            pass[ray] = (uint8_t)boxes;
+            if (!any) nearest = lower(chosen(boxes, in, nearest), nearest);
+        }
+        *(F8 *)enter = nearest;
+        const uint32_t bottom = depth;
+        for (uint32_t child = 0; child < BVH_WIDTH; child++) {
+            const struct Waiting w = {column(pass, child), n->child[child], enter[child]};
+            if (!w.who) continue;
+            fetch(s, w.child);
+            uint32_t i = depth++;
+            for (; i > bottom && stack[i - 1].enter < w.enter; i--) stack[i] = stack[i - 1];
+            stack[i] = w;
+        }
+        /* Until another node is entered. */
+        for (;;) {
+            if (!depth) return;
+            depth--;
+            here = stack[depth].who & who;
+            at = stack[depth].child;
+            if (!here) continue;
+            if (at < 0) meet_each(s, r, here, ~at);
+            else if (here & (here - 1)) break;
+            else descend(s, r, (uint32_t)__builtin_ctzll(here), at, any);
+            for (uint64_t k = any ? here : 0; k; k &= k - 1)
+                if (r->triangle[__builtin_ctzll(k)] >= 0) who &= ~(k & -k);
+            if (!who) return;
+        }
+    }
+}
