@@ -1,46 +1,50 @@
-/* Triangles that windows may see, eight at a time. Include behind lanes.h with F64 1.
+/* Triangles that windows may see, eight at a time. Include behind lanes.h.
  *
  * What is listed for several windows of one eye does not decide what one of them sees: `survey` asks each triangle
  * again, by arithmetic of the window alone. */
-typedef Flt8 Wide __attribute__((aligned(8)));
+typedef D8 Wide __attribute__((aligned(8)));
 typedef float Narrow __attribute__((vector_size(32), aligned(4)));
+
+/* NaN is left out. */
+INLINE void keep_min(D8 *a, const D8 *b) { *a = lower_D8(*b, *a); }
+INLINE void keep_max(D8 *a, const D8 *b) { *a = higher_D8(*b, *a); }
 
 #define BESIDE 1e-9 /* by which what lies where is widened */
 
-INLINE void dot8(const Flt8 a[3], const double b[3], Flt8 *out) { *out = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+INLINE void dot8(const D8 a[3], const double b[3], D8 *out) { *out = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 /* Of g at the corners of the window, g[0] s + g[1] t + g[2]. */
-INLINE void range_of(const Flt8 g[3], Flt8 *least, Flt8 *most) {
-    Flt8 at[4] = {g[2], g[0] + g[2], g[1] + g[2], g[0] + g[1] + g[2]};
+INLINE void range_of(const D8 g[3], D8 *least, D8 *most) {
+    D8 at[4] = {g[2], g[0] + g[2], g[1] + g[2], g[0] + g[1] + g[2]};
     *least = *most = at[0];
     for (int k = 1; k < 4; k++) keep_min(least, &at[k]), keep_max(most, &at[k]);
 }
 
-INLINE void size_of(const Flt8 *x, Flt8 *size) {
-    Flt8 negative = -*x;
+INLINE void size_of(const D8 *x, D8 *size) {
+    D8 negative = -*x;
     *size = *x;
     keep_max(size, &negative);
 }
 
 /* Which of a node's boxes are not wholly outside of one of the planes through the eye? */
 INLINE uint32_t boxes_in(const BvhNode *n, const double plane[5][3], const double eye[3], double slack) {
-    Int8 out = {0};
-    Flt8 lo[3], hi[3];
+    L8 out = {0};
+    D8 lo[3], hi[3];
     for (int a = 0; a < 3; a++) {
-        lo[a] = __builtin_convertvector(*(const Narrow *)n->lo[a], Flt8) - (eye[a] + slack);
-        hi[a] = __builtin_convertvector(*(const Narrow *)n->hi[a], Flt8) - (eye[a] - slack);
+        lo[a] = __builtin_convertvector(*(const Narrow *)n->lo[a], D8) - (eye[a] + slack);
+        hi[a] = __builtin_convertvector(*(const Narrow *)n->hi[a], D8) - (eye[a] - slack);
     }
     for (int p = 0; p < 5; p++) {
-        Flt8 most = {0}, size = {0};
+        D8 most = {0}, size = {0};
         for (int a = 0; a < 3; a++) {
-            Flt8 x = plane[p][a] * (plane[p][a] > 0 ? hi[a] : lo[a]), absolute;
+            D8 x = plane[p][a] * (plane[p][a] > 0 ? hi[a] : lo[a]), absolute;
             size_of(&x, &absolute);
             most += x, size += absolute;
         }
         out |= most < -1e-12 * size;
     }
-    Int8 in = ~out & (lo[0] <= hi[0]);
-    return bits(&in);
+    L8 in = ~out & (lo[0] <= hi[0]);
+    return bits_D8(in);
 }
 
 static void list_triangles(Search *s, const double plane[5][3], const double eye[3]) {
@@ -70,7 +74,7 @@ static void list_triangles(Search *s, const double plane[5][3], const double eye
     }
 }
 
-INLINE void corners_of(const Search *s, const double eye[3], const int32_t *triangle, uint32_t n, Flt8 p[3][3]) {
+INLINE void corners_of(const Search *s, const double eye[3], const int32_t *triangle, uint32_t n, D8 p[3][3]) {
     typedef struct {
         double at[3][3][8];
     } Corners;
@@ -93,12 +97,12 @@ typedef struct Columns {
 
 static void make_columns(const Search *s, const Window *w, const Rectangle *r, const int32_t *triangle, uint32_t n,
                          Columns *out, uint32_t *in, uint32_t *turned) {
-    Flt8 p[3][3], sum[3], det, size;
+    D8 p[3][3], sum[3], det, size;
     corners_of(s, w->eye, triangle, n, p);
-    Flt8 lo[2] = {(Flt8){0} + HUGE_VAL, (Flt8){0} + HUGE_VAL}, hi[2] = {-lo[0], -lo[1]};
-    Int8 ahead = ~(Int8){0}, outside = {0};
+    D8 lo[2] = {(D8){0} + HUGE_VAL, (D8){0} + HUGE_VAL}, hi[2] = {-lo[0], -lo[1]};
+    L8 ahead = ~(L8){0}, outside = {0};
     for (int k = 0; k < 3; k++) {
-        Flt8 along, at;
+        D8 along, at;
         dot8(p[k], w->plane[2], &along);
         ahead &= along > 0;
         for (int i = 0; i < 2; i++) {
@@ -108,17 +112,17 @@ static void make_columns(const Search *s, const Window *w, const Rectangle *r, c
         }
     }
     for (int i = 0; i < 2; i++) {
-        Flt8 above, below;
+        D8 above, below;
         size_of(&hi[i], &above), size_of(&lo[i], &below);
         lo[i] -= BESIDE * (1 + above + below), hi[i] += BESIDE * (1 + above + below);
         outside |= (lo[i] > r->hi[i]) | (hi[i] < r->lo[i]);
-        lo[i] = (Flt8)((ahead & (Int8)lo[i]) | (~ahead & (Int8)((Flt8){0} - HUGE_VAL)));
-        hi[i] = (Flt8)((ahead & (Int8)hi[i]) | (~ahead & (Int8)((Flt8){0} + HUGE_VAL)));
+        lo[i] = (D8)((ahead & (L8)lo[i]) | (~ahead & (L8)((D8){0} - HUGE_VAL)));
+        hi[i] = (D8)((ahead & (L8)hi[i]) | (~ahead & (L8)((D8){0} + HUGE_VAL)));
     }
     outside &= ahead;
-    *in = ~bits(&outside) & ((1u << n) - 1);
+    *in = ~bits_D8(outside) & ((1u << n) - 1);
     if (!*in) return;
-    Flt8 normal[3][3];
+    D8 normal[3][3];
     for (int k = 0; k < 3; k++) {
         const int q = (k + 1) % 3;
         for (int a = 0; a < 3; a++) {
@@ -129,11 +133,11 @@ static void make_columns(const Search *s, const Window *w, const Rectangle *r, c
     for (int a = 0; a < 3; a++) sum[a] = normal[0][a] + normal[1][a] + normal[2][a];
     det = p[0][0] * normal[1][0] + p[0][1] * normal[1][1] + p[0][2] * normal[1][2];
     size_of(&det, &size);
-    const Int8 back = det < 0, good = (size > 0) & (size <= DBL_MAX);
-    *in &= bits(&good), *turned = bits(&back);
+    const L8 back = det < 0, good = (size > 0) & (size <= DBL_MAX);
+    *in &= bits_D8(good), *turned = bits_D8(back);
     for (int a = 0; a < 3; a++) {
         *(Wide *)out->depth[a] = sum[a] / det;
-        for (int k = 0; k < 3; k++) *(Wide *)out->normal[k][a] = (Flt8)((Int8)normal[k][a] ^ (back & INT64_MIN));
+        for (int k = 0; k < 3; k++) *(Wide *)out->normal[k][a] = (D8)((L8)normal[k][a] ^ (back & INT64_MIN));
     }
     for (int i = 0; i < 2; i++) *(Wide *)out->lo[i] = lo[i], *(Wide *)out->hi[i] = hi[i];
 }
@@ -152,7 +156,7 @@ static void add_eight(Search *s, const Window *w, const Rectangle *r, const int3
                 return;
             Eight *fresh = &store->eight.data[store->eight.n++];
             memset(fresh, 0, sizeof *fresh);
-            for (int a = 0; a < 2; a++) *(Wide *)fresh->lo[a] = (Flt8){0} + HUGE_VAL;
+            for (int a = 0; a < 2; a++) *(Wide *)fresh->lo[a] = (D8){0} + HUGE_VAL;
         }
         Eight *e = &store->eight.data[store->eight.n - 1];
         for (int a = 0; a < 3; a++) {
@@ -190,24 +194,24 @@ INLINE void survey_eight(Search *s, uint32_t number, const Rectangle *within, do
     Store *store = s->store;
     const Eight *e = &store->eight.data[number];
     const Window *w = &s->window;
-    Int8 in = (*(const Wide *)e->lo[0] <= within->hi[0]) & (*(const Wide *)e->hi[0] >= within->lo[0]) &
-              (*(const Wide *)e->lo[1] <= within->hi[1]) & (*(const Wide *)e->hi[1] >= within->lo[1]);
-    if (!bits(&in)) return;
-    Flt8 g[3], least, most;
-    Int8 fills = ~(Int8){0};
+    L8 in = (*(const Wide *)e->lo[0] <= within->hi[0]) & (*(const Wide *)e->hi[0] >= within->lo[0]) &
+            (*(const Wide *)e->lo[1] <= within->hi[1]) & (*(const Wide *)e->hi[1] >= within->lo[1]);
+    if (!bits_D8(in)) return;
+    D8 g[3], least, most;
+    L8 fills = ~(L8){0};
     for (int k = 0; k < 3; k++) {
-        const Flt8 n[3] = {*(const Wide *)e->normal[k][0], *(const Wide *)e->normal[k][1],
-                           *(const Wide *)e->normal[k][2]};
+        const D8 n[3] = {*(const Wide *)e->normal[k][0], *(const Wide *)e->normal[k][1],
+                         *(const Wide *)e->normal[k][2]};
         dot8(n, w->u, &g[0]), dot8(n, w->v, &g[1]), dot8(n, w->c, &g[2]);
         range_of(g, &least, &most);
         in &= most > 0, fills &= least > 0;
     }
-    uint32_t some = bits(&in);
+    uint32_t some = bits_D8(in);
     if (!some) return;
-    const Flt8 n[3] = {*(const Wide *)e->depth[0], *(const Wide *)e->depth[1], *(const Wide *)e->depth[2]};
+    const D8 n[3] = {*(const Wide *)e->depth[0], *(const Wide *)e->depth[1], *(const Wide *)e->depth[2]};
     dot8(n, w->u, &g[0]), dot8(n, w->v, &g[1]), dot8(n, w->c, &g[2]);
     range_of(g, &least, &most);
-    const uint32_t filling = bits(&fills);
+    const uint32_t filling = bits_D8(fills);
     Row low, high;
     memcpy(&low, &least, sizeof low), memcpy(&high, &most, sizeof high);
     if (!window_room(store, &store->candidate.data, store->candidate.n, &store->candidate.room, 8,
@@ -236,28 +240,28 @@ static void survey(Search *s, const Rectangle *within) {
 static void place(const Window *w, const double row[SLT_BEAM_ROWS][LANES], uint32_t width, Places *out) {
     out->ahead = 0;
     for (uint32_t k = 0; k < width; k += 8) {
-        Flt8 u[3], v[3], c[3], at[3][4];
-        Int8 ahead = ~(Int8){0};
+        D8 u[3], v[3], c[3], at[3][4];
+        L8 ahead = ~(L8){0};
         for (int a = 0; a < 3; a++) {
-            const Flt8 eye = *(const Wide *)&row[SLT_BEAM_EYE + a][k];
+            const D8 eye = *(const Wide *)&row[SLT_BEAM_EYE + a][k];
             ahead &= eye == w->eye[a];
             c[a] = *(const Wide *)&row[SLT_BEAM_CORNER + a][k] - eye;
             u[a] = *(const Wide *)&row[SLT_BEAM_U + a][k], v[a] = *(const Wide *)&row[SLT_BEAM_V + a][k];
         }
         for (int i = 2; i >= 0; i--) {
-            Flt8 first, s, t;
+            D8 first, s, t;
             dot8(c, w->plane[i], &first), dot8(u, w->plane[i], &s), dot8(v, w->plane[i], &t);
             at[i][0] = first, at[i][1] = first + s, at[i][2] = first + t, at[i][3] = first + s + t;
             if (i < 2) {
-                Flt8 lo = at[i][0] / at[2][0], hi = lo;
+                D8 lo = at[i][0] / at[2][0], hi = lo;
                 for (int q = 1; q < 4; q++) {
-                    Flt8 x = at[i][q] / at[2][q];
+                    D8 x = at[i][q] / at[2][q];
                     keep_min(&lo, &x), keep_max(&hi, &x);
                 }
                 *(Wide *)&out->lo[i][k] = lo, *(Wide *)&out->hi[i][k] = hi;
             } else
                 for (int q = 0; q < 4; q++) ahead &= at[2][q] > 0;
         }
-        out->ahead |= (uint64_t)bits(&ahead) << k;
+        out->ahead |= (uint64_t)bits_D8(ahead) << k;
     }
 }

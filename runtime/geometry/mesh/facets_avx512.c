@@ -5,7 +5,6 @@
 #include "window.h"
 
 #if defined(__AVX512DQ__)
-#define F64 1
 #include "lanes.h"
 #include "facets.inc.h"
 #include "cover.inc.h"

@@ -4,7 +4,6 @@
 
 #include "window.h"
 
-#define F64 1
 #include "lanes.h"
 #include "facets.inc.h"
 #include "cover.inc.h"

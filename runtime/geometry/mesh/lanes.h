@@ -25,6 +25,23 @@ typedef int32_t I8 __attribute__((vector_size(32)));
 typedef int32_t I16 __attribute__((vector_size(64)));
 typedef int64_t L8 __attribute__((vector_size(64)));
 
+/* Of what comparisons of doubles give. */
+INLINE uint32_t bits_D8(L8 m) {
+#if defined(__AVX512DQ__)
+    return _mm512_movepi64_mask((__m512i)m);
+#elif defined(__AVX__)
+    const union {
+        L8 all;
+        __m256d half[2];
+    } x = {.all = m};
+    return (uint32_t)_mm256_movemask_pd(x.half[0]) | (uint32_t)_mm256_movemask_pd(x.half[1]) << 4;
+#else
+    uint32_t all = 0;
+    for (int k = 0; k < 8; k++) all |= (uint32_t)(m[k] & 1) << k;
+    return all;
+#endif
+}
+
 /* In parts: T vectors of n, M what their comparisons give. */
 #define LANES_IN_PARTS(T, M, n)                                                                                        \
     INLINE T lower_##T(T a, T b) {                                                                                     \
@@ -99,11 +116,6 @@ INLINE uint32_t bits_F8(I8 m) {
     for (int k = 0; k < 8; k++) all |= (uint32_t)(m[k] & 1) << k;
     return all;
 #endif
-}
-INLINE uint32_t bits_D8(L8 m) {
-    uint32_t all = 0;
-    for (int k = 0; k < 8; k++) all |= (uint32_t)(m[k] & 1) << k;
-    return all;
 }
 LANES_IN_PARTS(F8, I8, 8)
 LANES_IN_PARTS(D8, L8, 8)
