@@ -28,7 +28,8 @@ static const char *site_kind_name(SiteKind k) {
     case SITE_TRUNC: return "trunc";
     case SITE_FMOD: return "fmod";
     case SITE_SILHOUETTE:
-    case SITE_MESH: return "silhouette";
+    case SITE_MESH:
+    case SITE_MESH_HIT: return "silhouette";
     case SITE_SHADOW:
     case SITE_MESH_SHADOW: return "shadow";
     case SITE_MESH_FACE: return "edge of faces";

@@ -14,14 +14,17 @@ static void value_needs(const SltJob *j, bool needs[K_KINDS]) {
 }
 
 /* Bounds of rays are asked for where shadows may be thinner than the lattice: runtime/sample/prove.h. Not beside
- * silhouettes: which ridge a ray meets is never settled, so bounds would cost and prove nothing. */
+ * silhouettes: which ridge a ray meets is never settled, so bounds would cost and prove nothing. Of meshes, whose
+ * bounds cost as much as many lines, and in images only where the near-miss probe is asked for. */
 static bool proves_lines(const SltProgram *p, const SltJob *j) {
     const Fn *primal = p->prog->primal;
-    bool shadows = false, silhouettes = false, wanted = j->integral ? p->opt.near_miss != 0 : p->opt.near_miss > 0;
+    bool shadows = false, silhouettes = false, meshes = false;
     for (uint32_t s = 0; s < primal->nsites; s++) {
-        shadows |= primal->sites[s].kind == SITE_SHADOW;
-        silhouettes |= primal->sites[s].kind == SITE_SILHOUETTE || ir_site_of_mesh(primal->sites[s].kind);
+        const SiteKind kind = primal->sites[s].kind;
+        const bool shadow = kind == SITE_SHADOW || kind == SITE_MESH_HIT || kind == SITE_MESH_SHADOW;
+        shadows |= shadow, silhouettes |= ir_site_of_ray(kind) && !shadow, meshes |= ir_site_of_mesh(kind);
     }
+    bool wanted = j->integral && !meshes ? p->opt.near_miss != 0 : p->opt.near_miss > 0;
     return shadows && !silhouettes && wanted && j->estimator == SLT_EST_LATTICE && primal->dim == 2;
 }
 
@@ -284,10 +287,10 @@ SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, 
         s = rows_begin(p, &rows, &wanted, err);
         if (s == SLT_OK) s = slt_estimate_integral(&p->scene, &c.job, &wanted, c.stats, err);
         if (s == SLT_OK) s = add_hidden(&c, &wanted);
+        p->scene.met = NULL, p->scene.followed = NULL;
         if (s == SLT_OK && derives) s = api_steep(&c, &wanted, spent(&c, before));
         s = rows_end(p, &rows, &wanted, s, err);
     }
-    p->scene.met = NULL, p->scene.followed = NULL;
     free(met);
     c.job.integral = true;
     if (s == SLT_OK) count_nonfinite(&c, wanted.value, p->prog->channels, false);

@@ -11,6 +11,8 @@ static uint32_t block_queries(const Block *b, uint32_t geometry) {
     uint32_t queries = 0;
     for (const Inst *i = b->first; i; i = i->next) {
         if (i->op == OP_query && i->imm.query.geometry == geometry) queries |= 1u << i->imm.query.what;
+        /* What is told may have been asked of another mesh alone. */
+        if (i->op == OP_told && i->imm.query.geometry == geometry) queries |= 1u << SLT_QUERY_BEGIN;
         for (uint32_t r = 0; r < i->nregions; r++) queries |= block_queries(i->region[r], geometry);
     }
     return queries;

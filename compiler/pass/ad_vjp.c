@@ -312,6 +312,16 @@ static LoopPlan *plan_of(Plan *plan, const Scope *s) {
     return NULL;
 }
 
+/* Does it read what is told, itself? */
+static bool is_told(const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_told) return true;
+        for (uint32_t r = 0; r < i->nregions && i->op != OP_loop; r++)
+            if (is_told(i->region[r])) return true;
+    }
+    return false;
+}
+
 /* Replay where it may pay: the frame is large, the loop runs often enough, and the iteration can be run again. */
 static bool choose_replays(const Vjp *v, Plan *plan) {
     bool any = false;
@@ -320,7 +330,8 @@ static bool choose_replays(const Vjp *v, Plan *plan) {
         LoopPlan *p = s->top ? NULL : plan_of(plan, s);
         if (!p || !s->framed || !tape_can_replay(v, s->owner, s)) continue;
         if (v->o->replay == AD_REPLAY_AUTO &&
-            (s->trips < 2 || s->frame_bytes < REPLAY_BYTES || !tape_searches(s->owner->region[0])))
+            (s->trips < 2 || s->frame_bytes < REPLAY_BYTES || !tape_searches(s->owner->region[0])) &&
+            !is_told(s->owner->region[0]))
             continue;
         p->replay = true;
         p->stored_bytes = s->frame_bytes;

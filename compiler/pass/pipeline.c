@@ -42,6 +42,7 @@ void pipeline_primal(PassCtx *ctx, Fn *fn) {
     RUN(opt_cse);
     RUN(opt_dce);
     RUN(opt_lists); /* last: it marks what the others left */
+    variant_mesh_settle(fn);
 }
 
 void pipeline_kernel(PassCtx *ctx, Fn *fn) {

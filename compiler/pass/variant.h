@@ -80,8 +80,8 @@ MeshLine variant_mesh_line(Fn *fn, Inst *site);
 MeshLine variant_mesh_ask(Fn *fn, Inst *query, SiteKind kind, Inst *unless);
 void variant_mesh_inputs(Fn *fn); /* site: lines that event found */
 Inst *variant_mesh_input(Builder *b, const Inst *query);
-/* What the site is after all: who asks of a ray whether it hits, and no more, sees shadows. */
-SiteKind variant_mesh_kind(Fn *fn, Inst *site);
+/* Of the primal, last: a site at which only whether rays hit counts becomes one of the kind MESH_HIT. */
+void variant_mesh_settle(Fn *fn);
 /* FACE, threaded through a clone; sites stay. NULL: nobody looks at faces. */
 Inst *variant_faces(Fn *fn);
 bool variant_asks_line(const Inst *i);

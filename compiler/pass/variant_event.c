@@ -16,9 +16,7 @@ enum { V_FOUND, V_SITE, V_G, V_BOUNDARY, V_WINDOW, V_K = V_WINDOW + 2 };
 typedef struct Event {
     uint32_t depth;
     bool argmin;
-    /* By site of a mesh: the queries for its line, and what takes their place. */
-    MeshLine *line, *told;
-    SiteKind *kind;
+    MeshLine *line, *told; /* by site of a mesh: the queries for its line, and what takes their place */
 } Event;
 
 /* The window of a ray's site, or NULL. */
@@ -59,8 +57,7 @@ static void climb_to_partner(Thread *t, Inst *i) {
 static void find_lines(Event *e, Fn *fn, const Block *body) {
     for (Inst *i = body->first; i; i = i->next) {
         for (uint32_t r = 0; r < i->nregions; r++) find_lines(e, fn, i->region[r]);
-        if (!variant_is_site(i) || !is_mesh(fn, i)) continue;
-        e->line[i->imm.i] = variant_mesh_line(fn, i), e->kind[i->imm.i] = variant_mesh_kind(fn, i);
+        if (variant_is_site(i) && is_mesh(fn, i)) e->line[i->imm.i] = variant_mesh_line(fn, i);
     }
 }
 
@@ -73,7 +70,7 @@ static bool ask_line(Thread *t, Inst *i) {
         if (e->line[s].number[0] != i && e->line[s].number[1] != i) continue;
         which = e->line[s].number[1] == i;
         if (!e->told[s].number[0])
-            e->told[s] = told.number[0] ? told : variant_mesh_ask(t->fn, i, e->kind[s], t->value[V_FOUND]);
+            e->told[s] = told.number[0] ? told : variant_mesh_ask(t->fn, i, t->fn->sites[s].kind, t->value[V_FOUND]);
         told = e->told[s];
     }
     if (told.number[0]) walk_forward(t->fn, i, told.number[which]);
@@ -157,8 +154,7 @@ Fn *variant_event(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     Event e = {.depth = variant_site_depth(fn->body),
                .argmin = o->paper_argmin,
                .line = ARENA_ARRAY(fn->arena, MeshLine, fn->nsites + 1),
-               .told = ARENA_ARRAY(fn->arena, MeshLine, fn->nsites + 1),
-               .kind = ARENA_ARRAY(fn->arena, SiteKind, fn->nsites + 1)};
+               .told = ARENA_ARRAY(fn->arena, MeshLine, fn->nsites + 1)};
     find_lines(&e, fn, fn->body);
     Builder b = fn->body->first ? ir_before(fn, fn->body->first) : ir_at_end(fn, fn->body);
     Thread t = {

@@ -53,11 +53,25 @@ static bool looks(const Block *b, const Inst *found, const Inst *face) {
     return false;
 }
 
-SiteKind variant_mesh_kind(Fn *fn, Inst *site) {
-    SiteKind kind = variant_site_info(fn, site)->kind;
-    if (kind != SITE_MESH) return kind;
-    const Inst *face = variant_mesh_line(fn, site).number[0]->args[SLT_PAIR_FACE];
-    return face->op != OP_i2f || looks(fn->body, face->args[0], face) ? SITE_MESH : SITE_MESH_SHADOW;
+/* Do faces tell the site's sides apart, too? */
+static bool is_of_faces(SiteKind kind) { return kind >= SITE_MESH && kind < SITE_MESH_HIT; }
+
+static void settle(Fn *fn, Block *body, bool *alive) {
+    for (Inst *i = body->first; i; i = i->next) {
+        for (uint32_t r = 0; r < i->nregions; r++) settle(fn, i->region[r], alive);
+        if (!variant_is_site(i) || !ir_site_of_mesh(variant_site_info(fn, i)->kind)) continue;
+        const Inst *face = variant_mesh_line(fn, i).number[0]->args[SLT_PAIR_FACE];
+        bool whole = face->op != OP_i2f || looks(fn->body, face->args[0], face);
+        alive[i->imm.i] = true;
+        if (fn->sites[i->imm.i].kind == SITE_MESH && !whole) fn->sites[i->imm.i].kind = SITE_MESH_HIT;
+    }
+}
+
+void variant_mesh_settle(Fn *fn) {
+    bool *alive = ARENA_ARRAY(fn->arena, bool, fn->nsites + 1);
+    settle(fn, fn->body, alive);
+    for (uint32_t s = 0; s < fn->nsites; s++)
+        if (is_of_faces(fn->sites[s].kind) && !alive[s]) fn->sites[s].kind = SITE_MESH_HIT;
 }
 
 static Inst *partner(Builder *b, Inst *v) { return ir_special(b, OP_partner, (IrType)v->type, 1, &v, (Imm){0}); }
@@ -65,7 +79,7 @@ static Inst *partner(Builder *b, Inst *v) { return ir_special(b, OP_partner, (Ir
 /* Do the rays of the pair hit different faces? Of shadows: does one of them hit nothing? */
 static Inst *faces_differ(Builder *b, const Inst *query, SiteKind kind) {
     Inst *face = query->args[SLT_PAIR_FACE], *other = partner(b, face), *zero = ir_constf(b, 0);
-    if (kind != SITE_MESH_SHADOW) return ir_emit2(b, OP_fne, face, other);
+    if (is_of_faces(kind)) return ir_emit2(b, OP_fne, face, other);
     return ir_emit2(b, OP_bxor, ir_emit2(b, OP_flt, face, zero), ir_emit2(b, OP_flt, other, zero));
 }
 
@@ -119,8 +133,7 @@ void variant_mesh_inputs(Fn *fn) {
 }
 
 static bool touches_mesh(Thread *t, const Inst *i) {
-    const bool *sees = t->user;
-    return i->op == OP_site && sees[i->imm.i];
+    return i->op == OP_site && is_of_faces(variant_site_info(t->fn, i)->kind);
 }
 
 static bool face_at(Thread *t, Inst *i) {
@@ -132,21 +145,19 @@ static bool face_at(Thread *t, Inst *i) {
     return true;
 }
 
-static bool find_seeing(Fn *fn, Block *body, bool *sees) {
-    bool any = false;
-    for (Inst *i = body->first; i; i = i->next) {
-        for (uint32_t r = 0; r < i->nregions; r++) any |= find_seeing(fn, i->region[r], sees);
-        if (!variant_is_site(i) || !ir_site_of_mesh(variant_site_info(fn, i)->kind)) continue;
-        any |= sees[i->imm.i] = variant_mesh_kind(fn, i) != SITE_MESH_SHADOW;
+static bool has_faces(const Fn *fn, const Block *body) {
+    for (const Inst *i = body->first; i; i = i->next) {
+        if (i->op == OP_site && is_of_faces(variant_site_info(fn, i)->kind)) return true;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (has_faces(fn, i->region[r])) return true;
     }
-    return any;
+    return false;
 }
 
 Inst *variant_faces(Fn *fn) {
-    bool *sees = ARENA_ARRAY(fn->arena, bool, fn->nsites + 1);
-    if (!find_seeing(fn, fn->body, sees)) return NULL;
+    if (!has_faces(fn, fn->body)) return NULL;
     Builder b = ir_before(fn, fn->body->first);
-    Thread t = {.fn = fn, .n = 1, .at = face_at, .touches = touches_mesh, .user = sees};
+    Thread t = {.fn = fn, .n = 1, .at = face_at, .touches = touches_mesh};
     t.value[0] = ir_consti(&b, 0);
     thread_block(&t, fn->body);
     return t.value[0];

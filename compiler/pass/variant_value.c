@@ -107,6 +107,7 @@ Inst *variant_boundary(Builder *b, SiteKind kind, Inst *n) {
     case SITE_MESH:
     case SITE_MESH_FACE:
     case SITE_MESH_SEAM:
+    case SITE_MESH_HIT:
     case SITE_MESH_SHADOW: break;
     }
     return ir_constf(b, 0);

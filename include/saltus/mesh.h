@@ -39,7 +39,7 @@ enum {
     SLT_PIECE_TRIANGLE,
     SLT_PIECE_SIDES /* how many */
 };
-enum { SLT_PIECE_MAX_SIDES = 24 };
+enum { SLT_PIECE_MAX_SIDES = 16 };
 /* Of a side: it lies on the line g = 0, g > 0 on the piece where the weight is positive, of the edge from vertex a to
  * b, g = d . (A x B), or, b < 0, where triangles a and ~b cross, g = 1 / t of a less that of ~b. */
 enum {

@@ -90,17 +90,17 @@ static bool lies_on(const Space *s, const double *p, const double *a, const doub
 /* Marks vertices that lie on the edge of sides e[n]. */
 static void follow_edge(const Space *s, const Side *e, uint32_t n, uint8_t *on) {
     const double *a = at(s, e->a), *b = at(s, e->b);
-    int64_t c[3], end[3], left = 1;
+    int64_t c[3], end[3];
     int step[3];
     double next[3], each[3];
     for (int k = 0; k < 3; k++) {
         double d = b[k] - a[k];
-        c[k] = cell_of(s, a[k], k), end[k] = cell_of(s, b[k], k), left += llabs(end[k] - c[k]);
+        c[k] = cell_of(s, a[k], k), end[k] = cell_of(s, b[k], k);
         step[k] = d < 0 ? -1 : 1;
         next[k] = d != 0 ? (s->lo[k] + s->cell * (double)(c[k] + (d > 0)) - a[k]) / d : HUGE_VAL;
         each[k] = d != 0 ? s->cell / fabs(d) : HUGE_VAL;
     }
-    for (; left > 0; left--) {
+    for (;;) {
         uint64_t h = bucket(s, c);
         for (uint32_t i = s->first[h]; i < s->first[h + 1]; i++) {
             uint32_t v = s->vertex[i];
@@ -108,7 +108,10 @@ static void follow_edge(const Space *s, const Side *e, uint32_t n, uint8_t *on) 
             for (uint32_t k = 0; k < n && !own; k++) own = e[k].opposite == v;
             if (!own && lies_on(s, at(s, v), a, b)) on[v] = 1;
         }
-        int k = next[0] <= next[1] ? next[0] <= next[2] ? 0 : 2 : next[1] <= next[2] ? 1 : 2;
+        int k = -1; /* rounding may have an end one cell on: no axis goes beyond it */
+        for (int i = 0; i < 3; i++)
+            if (c[i] != end[i] && (k < 0 || next[i] < next[k])) k = i;
+        if (k < 0) return;
         c[k] += step[k], next[k] += each[k];
     }
 }
@@ -118,15 +121,16 @@ static void count_edges(const Space *s, Side *side, size_t n, uint8_t *on, MeshC
     for (size_t from = 0, to; from < n; from = to) {
         for (to = from + 1; to < n && !by_ends(&side[from], &side[to]); to++) continue;
         out->edges++, out->open_edges += to - from == 1, out->nonmanifold_edges += to - from > 2;
-        if (s->first && side[from].a != side[from].b) follow_edge(s, &side[from], (uint32_t)(to - from), on);
+        if (s->first) follow_edge(s, &side[from], (uint32_t)(to - from), on);
     }
 }
 
-/* Faces with the same corners, by place. */
+/* Faces with the same three corners, by place. */
 static uint32_t count_duplicates(Face *face, uint32_t n) {
     uint32_t same = 0;
     qsort(face, n, sizeof *face, by_corners);
-    for (uint32_t f = 1; f < n; f++) same += !by_corners(&face[f - 1], &face[f]);
+    for (uint32_t f = 1; f < n; f++)
+        same += !by_corners(&face[f - 1], &face[f]) && face[f].v[0] < face[f].v[1] && face[f].v[1] < face[f].v[2];
     return same;
 }
 
@@ -187,8 +191,8 @@ static void measure(Space *s, const uint8_t *used, uint32_t nvertices, const Sid
 bool mesh_inspect(const double *position, uint32_t nvertices, const int32_t *face, const int32_t *part, uint32_t nfaces,
                   MeshCounts *out) {
     *out = (MeshCounts){.vertices = nvertices, .triangles = nfaces};
-    const size_t n = 3 * (size_t)nfaces;
-    Side *side = malloc((n + 1) * sizeof *side);
+    size_t nsides = 0;
+    Side *side = malloc((3 * (size_t)nfaces + 1) * sizeof *side);
     Face *sorted = malloc((nfaces + 1u) * sizeof *sorted);
     uint8_t *used = calloc(2 * ((size_t)nvertices + 1), 1), *on = used ? used + nvertices + 1 : NULL;
     uint32_t *place = malloc((nvertices + 1u) * sizeof *place);
@@ -200,7 +204,8 @@ bool mesh_inspect(const double *position, uint32_t nvertices, const int32_t *fac
             uint32_t a = (uint32_t)v[k], b = (uint32_t)v[(k + 1) % 3];
             used[a] = 1, sorted[f].v[k] = place[a];
             swap(&a, &b);
-            side[3 * (size_t)f + (size_t)k] = (Side){a, b, (uint32_t)v[(k + 2) % 3]};
+            /* One with a corner twice is no face: its sides are nobody's edges. */
+            if (v[0] != v[1] && v[1] != v[2] && v[2] != v[0]) side[nsides++] = (Side){a, b, (uint32_t)v[(k + 2) % 3]};
         }
         swap(&sorted[f].v[0], &sorted[f].v[1]), swap(&sorted[f].v[1], &sorted[f].v[2]);
         swap(&sorted[f].v[0], &sorted[f].v[1]);
@@ -209,10 +214,10 @@ bool mesh_inspect(const double *position, uint32_t nvertices, const int32_t *fac
         if ((uint32_t)part[f] >= out->parts) out->parts = (uint32_t)part[f] + 1;
     }
     for (size_t k = 0; ok && k < 3 * (size_t)nvertices; k++) finite &= fabs(position[k]) < 1e150;
-    if (ok) measure(&s, used, nvertices, side, n);
+    if (ok) measure(&s, used, nvertices, side, nsides);
     if (ok && finite && s.cell > 0) ok = fill(&s, used, nvertices);
     if (ok) {
-        count_edges(&s, side, n, on, out);
+        count_edges(&s, side, nsides, on, out);
         out->duplicates = count_duplicates(sorted, nfaces);
         for (uint32_t v = 0; v < nvertices; v++) out->on_edges += on[v], out->lone += !used[v];
     }

@@ -11,9 +11,10 @@ bool prove_only_shadows(const SltScene *s) {
     bool shadows = false;
     for (uint32_t i = 0; i < s->nsites; i++) {
         if (s->site_kind[i] == SLT_SITE_SILHOUETTE ||
-            (s->site_kind[i] >= SLT_SITE_MESH && s->site_kind[i] <= SLT_SITE_MESH_SHADOW))
+            (s->site_kind[i] >= SLT_SITE_MESH && s->site_kind[i] < SLT_SITE_MESH_HIT))
             return false;
-        shadows |= s->site_kind[i] == SLT_SITE_SHADOW;
+        shadows |= s->site_kind[i] == SLT_SITE_SHADOW || s->site_kind[i] == SLT_SITE_MESH_HIT ||
+                   s->site_kind[i] == SLT_SITE_MESH_SHADOW;
     }
     return shadows;
 }

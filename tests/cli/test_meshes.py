@@ -68,6 +68,14 @@ class Meshes(Case):
             for vertex, want in enumerate((1 / 3, 1 / 6, 1 / 3, 1 / 6)):
                 self.assertLess(abs(j["gradient"]["m"][vertex][2] - want), 2e-3)
 
+    def test_faces_square_to_rays(self):
+        """All corners at one t: the mean over the floor still hangs on every corner."""
+        self.mesh(DOWN + "return 2.0 - v.t;", text="v 0 0 0.1\nv 1 0 0.1\nv 1 1 0.1\nv 0 1 0.1\nf 1 2 3\nf 1 3 4\n")
+        for precision in "f32", "f64":
+            j = self.json_cli("grad", "m.salt", "--integral", "--precision", precision, "--samples", "262144")
+            for vertex, want in enumerate((1 / 3, 1 / 6, 1 / 3, 1 / 6)):
+                self.assertLess(abs(j["gradient"]["m"][vertex][2] - want), 2e-3)
+
     def test_adjoint(self):
         self.mesh("float2 y = 0.8 * x + 0.1; float3 d = normalize(float3(0.1, s, -1.0)); [NoDisc] MeshHit v = m.trace(float3(y, 2.0), d, 0.0, 100.0);"
                   "return v.t * v.uv.x + dot(v.normal, float3(1.0, 2.0, 3.0)) * v.p.y;", more="param float s = 0.07;", text="v -2 -2 0.1\nv 5 -2 0.2\nv -2 5 0.3\nf 1 2 3\n")

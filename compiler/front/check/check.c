@@ -288,13 +288,14 @@ static void fill_language(Checker *c) {
                     {"u", f3, SPAN_NONE, NULL},
                     {"v", f3, SPAN_NONE, NULL}};
     c->t_beam = predeclared_struct(c, "Beam", beam, 4);
-    /* The last two have names that nobody can write: where it is told of, and the beam, which its derivatives need. */
+    /* The last three have names that nobody can write: where it is told of, and of which mesh, and the beam, which its
+     * derivatives need. */
     Field piece[] = {{"found", c->t_bool, SPAN_NONE, NULL},   {"area", c->t_float, SPAN_NONE, NULL},
                      {"centre", f2, SPAN_NONE, NULL},         {"p", f3, SPAN_NONE, NULL},
                      {"normal", f3, SPAN_NONE, NULL},         {"tri", c->t_int, SPAN_NONE, NULL},
                      {"part", c->t_int, SPAN_NONE, NULL},     {"the unit", c->t_int, SPAN_NONE, NULL},
-                     {"the beam", c->t_beam, SPAN_NONE, NULL}};
-    c->t_piece = predeclared_struct(c, "Piece", piece, 9);
+                     {"the mesh", c->t_int, SPAN_NONE, NULL}, {"the beam", c->t_beam, SPAN_NONE, NULL}};
+    c->t_piece = predeclared_struct(c, "Piece", piece, 10);
     c->t_hit = predeclared_struct(c, "Hit", hit, 4);
     c->t_silhouette = predeclared_struct(c, "Silhouette", silhouette, 3);
 }

@@ -71,7 +71,10 @@ static Met meet(Lower *l, const Symbol *sym, const Val *o, const Val *d, Inst *f
     }
     /* Seen nearly edge-on the sum may be rounded to 0. */
     Inst *real = op2(l, OP_band, found, op2(l, OP_fne, sum, kf(l, 0))), *whole = sel(l, real, sum, kf(l, 1));
-    m.t = op2(l, OP_fmin, op2(l, OP_fmax, op2(l, OP_fdiv, at, whole), low), high);
+    /* The bounds are for rounding alone: where all corners have one t, as faces square to the ray have, the derivative
+     * is that of the mean all the same. */
+    Inst *mean = op2(l, OP_fdiv, at, whole), *bounded = op2(l, OP_fmin, op2(l, OP_fmax, mean, low), high);
+    m.t = add(l, op1(l, OP_detach, bounded), op1(l, OP_ghost, mean));
     for (int k = 0; k < 3; k++) m.weight[k] = op2(l, OP_fdiv, m.weight[k], whole);
     return m;
 }
@@ -142,7 +145,8 @@ enum {
     BEAM_U = 6,
     BEAM_V = 9,
     PIECE_UNIT = 12,
-    PIECE_BEAM = 13
+    PIECE_MESH = 13, /* 1 + the number of its geometry */
+    PIECE_BEAM = 14
 }; /* among their parts */
 
 typedef struct Beam {
@@ -269,6 +273,7 @@ static Val piece_of(Lower *l, Type *type, const Symbol *sym, Inst *unit, Inst *c
     v.c[10] = sel(l, found, tri, ki(l, -1));
     v.c[11] = sel(l, found, of_triangle(l, sym, sym->nfaces * SLT_MESH_FACE, SLT_MESH_PART, 0, tri), ki(l, -1));
     v.c[PIECE_UNIT] = unit;
+    v.c[PIECE_MESH] = ki(l, 1 + (int32_t)b->geometry);
     for (int k = 0; k < SLT_BEAM_ROWS; k++) v.c[PIECE_BEAM + k] = parts[k];
     return v;
 }
@@ -296,7 +301,9 @@ static Val first(Lower *l, Expr *e, const Symbol *sym) {
 static Val next(Lower *l, Expr *e, const Symbol *sym) {
     Val q = gen_expr(l, e->args[0]);
     const Beam b = {.sym = sym, .geometry = gen_geometry_number(l, (Searched){.sym = sym})};
-    Inst *unit = told(l, &b, SLT_PIECE_NEXT, q.c[PIECE_UNIT], TY_INT);
+    /* A piece of another mesh has no next one. */
+    Inst *own = op2(l, OP_ieq, q.c[PIECE_MESH], ki(l, 1 + (int32_t)b.geometry));
+    Inst *unit = told(l, &b, SLT_PIECE_NEXT, sel(l, own, q.c[PIECE_UNIT], ki(l, 0)), TY_INT);
     return piece_of(l, e->type, sym, unit, q.c + PIECE_BEAM);
 }
 
@@ -375,13 +382,13 @@ static void want_exact_numbers(Lower *l, const Symbol *sym) {
 
 /* ---- normals that bend with the surface */
 
-enum { HIT_HIT = 0, HIT_P = 2, HIT_TRI = 10 }; /* among the parts of a MeshHit */
+enum { HIT_HIT = 0, HIT_P = 2, HIT_FACE = 12 }; /* among the parts of a MeshHit */
 
 /* Normals of the corners, weighted by the areas that p cuts the triangle into. */
 static Val smooth_normal(Lower *l, Expr *e, const Symbol *sym) {
     Val v = val_new(l, e->type), hit = gen_expr(l, e->args[0]);
-    Inst *found = op2(l, OP_band, hit.c[HIT_HIT], op2(l, OP_ile, ki(l, 0), hit.c[HIT_TRI])),
-         *tri = triangle_in(l, sym, hit.c[HIT_TRI]), *sum[3] = {kf(l, 0), kf(l, 0), kf(l, 0)};
+    Inst *found = op2(l, OP_band, hit.c[HIT_HIT], op2(l, OP_ile, ki(l, 0), hit.c[HIT_FACE])),
+         *tri = triangle_in(l, sym, hit.c[HIT_FACE]), *sum[3] = {kf(l, 0), kf(l, 0), kf(l, 0)};
     Vec3 corner[3], from[3], p, q, across, part, normal;
     corners(l, sym, tri, corner);
     minus(l, corner[1], corner[0], p);

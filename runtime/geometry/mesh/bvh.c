@@ -38,24 +38,30 @@ static double box_area(const Box *b) {
     return d[0] * d[1] + d[1] * d[2] + d[2] * d[0];
 }
 
-static double corner(const Bvh *b, const void *values, uint32_t triangle, int k, int a) {
-    size_t at = 3 * (size_t)b->face[3 * (size_t)triangle + (size_t)k] + (size_t)a;
-    return b->f64 ? ((const double *)values)[at] : (double)((const float *)values)[at];
+/* Floats on either side of v, at most two units in their last place away; without a decision, unlike nextafterf. */
+static inline float below(double v) {
+    const float f = (float)v;
+    return f - (fabsf(f) * 0x1p-23f + FLT_MIN);
 }
+static inline float above(double v) { return -below(-v); }
 
-static float below(double v) { return (double)(float)v > v ? nextafterf((float)v, -HUGE_VALF) : (float)v; }
-static float above(double v) { return (double)(float)v < v ? nextafterf((float)v, HUGE_VALF) : (float)v; }
-
-/* False: a corner is not finite, or beyond what a float holds. */
-static bool triangle_box(const Bvh *b, const void *values, uint32_t triangle, Box *out) {
+/* The corners of a triangle, and its box. False: one is not finite, or beyond what a float holds. */
+static inline bool triangle_box(const Bvh *b, const void *values, uint32_t triangle, bool f64, double at[3][3],
+                                Box *out) {
+    const int32_t *face = b->face + 3 * (size_t)triangle;
+    bool fine = true;
     for (int a = 0; a < 3; a++) {
-        double p = corner(b, values, triangle, 0, a), q = corner(b, values, triangle, 1, a),
-               r = corner(b, values, triangle, 2, a);
-        double lo = fmin(fmin(p, q), r), hi = fmax(fmax(p, q), r);
-        if (!(fabs(p) + fabs(q) + fabs(r) <= 0.25 * (double)FLT_MAX)) return false;
-        out->lo[a] = below(lo), out->hi[a] = above(hi);
+        for (int c = 0; c < 3; c++) {
+            const size_t i = 3 * (size_t)face[c] + (size_t)a;
+            at[c][a] = f64 ? ((const double *)values)[i] : (double)((const float *)values)[i];
+        }
+        const double p = at[0][a], q = at[1][a], r = at[2][a];
+        double lo = q < p ? q : p, hi = q > p ? q : p;
+        lo = r < lo ? r : lo, hi = r > hi ? r : hi;
+        if (!(fabs(p) + fabs(q) + fabs(r) <= 0.25 * (double)FLT_MAX)) fine = false, lo = hi = 0;
+        out->lo[a] = f64 ? below(lo) : (float)lo, out->hi[a] = f64 ? above(hi) : (float)hi;
     }
-    return true;
+    return fine;
 }
 
 /* ---- making */
@@ -200,17 +206,19 @@ static int32_t make_node(Maker *m, const Range *whole, uint32_t depth) {
 
 /* ---- refitting */
 
-static Box fill_leaf(Bvh *b, uint32_t leaf, const void *values) {
+/* Copies the corners of a leaf's triangles. */
+static inline Box fill_leaf(Bvh *b, uint32_t leaf, const void *values, bool f64) {
     Box box = nothing;
     const int32_t *triangle = leaf_triangles(b, leaf);
     for (int k = 0; k < BVH_LEAF; k++) {
         Box own;
-        bool is = triangle[k] >= 0 && triangle_box(b, values, (uint32_t)triangle[k], &own);
+        double at[3][3];
+        const bool is = triangle[k] >= 0 && triangle_box(b, values, (uint32_t)triangle[k], f64, at, &own);
         if (is) box_add(&box, &own);
         for (int c = 0; c < 3; c++)
             for (int a = 0; a < 3; a++) {
-                double v = is ? corner(b, values, (uint32_t)triangle[k], c, a) : (double)NAN;
-                if (b->f64) ((BvhLeaf64 *)b->leaf)[leaf].at[c][a][k] = v;
+                const double v = is ? at[c][a] : (double)NAN;
+                if (f64) ((BvhLeaf64 *)b->leaf)[leaf].at[c][a][k] = v;
                 else ((BvhLeaf32 *)b->leaf)[leaf].at[c][a][k] = (float)v;
             }
     }
@@ -229,13 +237,14 @@ static Box node_box(const BvhNode *n) {
 
 static bool has_child(const BvhNode *n, int k) { return n->child[k]; } /* the root, node 0, is no child */
 
-static void fit(Bvh *b, const void *values) {
+static inline void fit_as(Bvh *b, const void *values, bool f64) {
     double cost = 0;
     for (uint32_t i = b->nnodes; i-- > 0;) {
         BvhNode *n = &b->node[i];
         for (int k = 0; k < BVH_WIDTH; k++) {
             if (!has_child(n, k)) continue;
-            Box box = n->child[k] < 0 ? fill_leaf(b, (uint32_t)~n->child[k], values) : node_box(&b->node[n->child[k]]);
+            Box box =
+                n->child[k] < 0 ? fill_leaf(b, (uint32_t)~n->child[k], values, f64) : node_box(&b->node[n->child[k]]);
             for (int a = 0; a < 3; a++) n->lo[a][k] = box.lo[a], n->hi[a][k] = box.hi[a];
             cost += box_area(&box) * (n->child[k] < 0 ? 2 : 1);
         }
@@ -249,13 +258,20 @@ static void fit(Bvh *b, const void *values) {
             b->magnitude = fmax(b->magnitude, fmax(fabs((double)all.lo[a]), fabs((double)all.hi[a])));
 }
 
+static void fit(Bvh *b, const void *values) {
+    if (b->f64) fit_as(b, values, true);
+    else fit_as(b, values, false);
+}
+
 bool bvh_make(Bvh *b, const void *values, bool f64, const int32_t *face, uint32_t nfaces) {
     *b = (Bvh){.f64 = f64, .face = face, .nfaces = nfaces};
     Maker m = {.b = b, .item = malloc((nfaces ? nfaces : 1) * sizeof *m.item)};
     if (!m.item) return false;
     for (uint32_t i = 0; i < nfaces; i++) {
         m.item[i].triangle = i;
-        if (!triangle_box(b, values, i, &m.item[i].box)) m.item[i].box = (Box){0}; /* it may be finite later on */
+        double at[3][3];
+        if (!triangle_box(b, values, i, f64, at, &m.item[i].box))
+            m.item[i].box = (Box){0}; /* it may be finite later on */
     }
     make_node(&m, &(Range){0, nfaces, box_of(m.item, 0, nfaces)}, 0);
     free(m.item);

@@ -13,41 +13,34 @@ INLINE void keep_max(D8 *a, const D8 *b) { *a = higher_D8(*b, *a); }
 
 INLINE void dot8(const D8 a[3], const double b[3], D8 *out) { *out = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
-/* Of g at the corners of the window, g[0] s + g[1] t + g[2]. */
-INLINE void range_of(const D8 g[3], D8 *least, D8 *most) {
-    D8 at[4] = {g[2], g[0] + g[2], g[1] + g[2], g[0] + g[1] + g[2]};
-    *least = *most = at[0];
-    for (int k = 1; k < 4; k++) keep_min(least, &at[k]), keep_max(most, &at[k]);
-}
-
 INLINE void size_of(const D8 *x, D8 *size) {
     D8 negative = -*x;
     *size = *x;
     keep_max(size, &negative);
 }
 
-/* Which of a node's boxes are not wholly outside of one of the planes through the eye? */
-INLINE uint32_t boxes_in(const BvhNode *n, const double plane[5][3], const double eye[3], double slack) {
-    L8 out = {0};
+/* A plane through the eye; what is not on its positive side by more than `slack` is outside. */
+typedef struct Plane {
+    double normal[3], slack;
+} Plane;
+
+/* Which of a node's boxes are not wholly outside of one of the planes? */
+INLINE uint32_t boxes_in(const BvhNode *n, const Plane plane[4], const double eye[3]) {
     D8 lo[3], hi[3];
     for (int a = 0; a < 3; a++) {
-        lo[a] = __builtin_convertvector(*(const Narrow *)n->lo[a], D8) - (eye[a] + slack);
-        hi[a] = __builtin_convertvector(*(const Narrow *)n->hi[a], D8) - (eye[a] - slack);
+        lo[a] = __builtin_convertvector(*(const Narrow *)n->lo[a], D8) - eye[a];
+        hi[a] = __builtin_convertvector(*(const Narrow *)n->hi[a], D8) - eye[a];
     }
-    for (int p = 0; p < 5; p++) {
-        D8 most = {0}, size = {0};
-        for (int a = 0; a < 3; a++) {
-            D8 x = plane[p][a] * (plane[p][a] > 0 ? hi[a] : lo[a]), absolute;
-            size_of(&x, &absolute);
-            most += x, size += absolute;
-        }
-        out |= most < -1e-12 * size;
+    L8 in = lo[0] <= hi[0];
+    for (int p = 0; p < 4; p++) {
+        D8 most = (D8){0} + plane[p].slack;
+        for (int a = 0; a < 3; a++) most += plane[p].normal[a] * (plane[p].normal[a] > 0 ? hi[a] : lo[a]);
+        in &= most >= 0;
     }
-    L8 in = ~out & (lo[0] <= hi[0]);
     return bits_D8(in);
 }
 
-static void list_triangles(Search *s, const double plane[5][3], const double eye[3]) {
+static void list_triangles(Search *s, const Plane plane[4], const double eye[3]) {
     const BvhScene *scene = &s->scene->tree;
     const Bvh *b = scene->bvh;
     int32_t stack[BVH_STACK];
@@ -57,7 +50,7 @@ static void list_triangles(Search *s, const double plane[5][3], const double eye
     stack[depth++] = 0;
     while (depth) {
         const BvhNode *n = &b->node[stack[--depth]];
-        for (uint32_t in = boxes_in(n, plane, eye, scene->slack); in; in &= in - 1) {
+        for (uint32_t in = boxes_in(n, plane, eye); in; in &= in - 1) {
             const int32_t child = n->child[__builtin_ctz(in)];
             if (child >= 0) {
                 if (child) stack[depth++] = child;
@@ -75,19 +68,17 @@ static void list_triangles(Search *s, const double plane[5][3], const double eye
 }
 
 INLINE void corners_of(const Search *s, const double eye[3], const int32_t *triangle, uint32_t n, D8 p[3][3]) {
-    typedef struct {
-        double at[3][3][8];
-    } Corners;
-    Corners c = {0};
-    for (uint32_t i = 0; i < n; i++)
+    double at[3][3][8];
+    for (uint32_t i = 0; i < 8; i++)
         for (int k = 0; k < 3; k++) {
-            const size_t at = 3 * (size_t)s->scene->tree.bvh->face[3 * (size_t)triangle[i] + (size_t)k];
-            for (int a = 0; a < 3; a++)
-                c.at[k][a][i] = (s->f64 ? ((const double *)s->scene->values)[at + (size_t)a]
-                                        : (double)((const float *)s->scene->values)[at + (size_t)a]) -
-                                eye[a];
+            const int32_t *corner = s->scene->tree.bvh->face + 3 * (size_t)triangle[i < n ? i : 0];
+            const size_t from = 3 * (size_t)corner[k];
+            for (size_t a = 0; a < 3; a++)
+                at[k][a][i] = (s->f64 ? ((const double *)s->scene->values)[from + a]
+                                      : (double)((const float *)s->scene->values)[from + a]) -
+                              eye[a];
         }
-    memcpy(p, &c, sizeof c);
+    memcpy(p, at, sizeof at);
 }
 
 /* What eight triangles are, before those that are not in the rectangle are left out. */
@@ -105,9 +96,10 @@ static void make_columns(const Search *s, const Window *w, const Rectangle *r, c
         D8 along, at;
         dot8(p[k], w->plane[2], &along);
         ahead &= along > 0;
+        along = 1 / along;
         for (int i = 0; i < 2; i++) {
             dot8(p[k], w->plane[i], &at);
-            at /= along;
+            at *= along;
             keep_min(&lo[i], &at), keep_max(&hi[i], &at);
         }
     }
@@ -135,8 +127,9 @@ static void make_columns(const Search *s, const Window *w, const Rectangle *r, c
     size_of(&det, &size);
     const L8 back = det < 0, good = (size > 0) & (size <= DBL_MAX);
     *in &= bits_D8(good), *turned = bits_D8(back);
+    const D8 inverse = 1 / det;
     for (int a = 0; a < 3; a++) {
-        *(Wide *)out->depth[a] = sum[a] / det;
+        *(Wide *)out->depth[a] = sum[a] * inverse;
         for (int k = 0; k < 3; k++) *(Wide *)out->normal[k][a] = (D8)((L8)normal[k][a] ^ (back & INT64_MIN));
     }
     for (int i = 0; i < 2; i++) *(Wide *)out->lo[i] = lo[i], *(Wide *)out->hi[i] = hi[i];
@@ -148,120 +141,189 @@ static void add_eight(Search *s, const Window *w, const Rectangle *r, const int3
     uint32_t in, turned;
     Store *store = s->store;
     make_columns(s, w, r, triangle, n, &c, &in, &turned);
+    if (!in || !window_room(store, &store->near.data, store->near.n, &store->near.room, 8, sizeof *store->near.data))
+        return;
     for (; in; in &= in - 1) {
-        const uint32_t i = (uint32_t)__builtin_ctz(in), to = store->neights % 8;
-        if (!to) {
-            if (!window_room(store, &store->eight.data, store->eight.n, &store->eight.room, 1,
-                             sizeof *store->eight.data))
-                return;
-            Eight *fresh = &store->eight.data[store->eight.n++];
-            memset(fresh, 0, sizeof *fresh);
-            for (int a = 0; a < 2; a++) *(Wide *)fresh->lo[a] = (D8){0} + HUGE_VAL;
-        }
-        Eight *e = &store->eight.data[store->eight.n - 1];
+        const uint32_t i = (uint32_t)__builtin_ctz(in);
+        Near *to = &store->near.data[store->near.n++];
         for (int a = 0; a < 3; a++) {
-            e->depth[a][to] = c.depth[a][i];
-            for (int k = 0; k < 3; k++) e->normal[k][a][to] = c.normal[k][a][i];
+            to->depth[a] = c.depth[a][i];
+            for (int k = 0; k < 3; k++) to->normal[k][a] = c.normal[k][a][i];
         }
-        for (int a = 0; a < 2; a++) e->lo[a][to] = c.lo[a][i], e->hi[a][to] = c.hi[a][i];
-        e->triangle[to] = triangle[i], e->turned[to] = turned >> i & 1;
-        store->neights++;
+        for (int a = 0; a < 2; a++) to->lo[a] = c.lo[a][i], to->hi[a] = c.hi[a][i];
+        to->triangle = triangle[i], to->turned = turned >> i & 1;
     }
 }
 
 static void list(Search *s, const Window *w, const Rectangle *r) {
-    double plane[5][3];
-    for (int a = 0; a < 3; a++) {
-        const double *const *row = (const double *const[]){w->plane[0], w->plane[1], w->plane[2]};
-        for (int i = 0; i < 2; i++) {
-            plane[2 * i][a] = row[i][a] - r->lo[i] * row[2][a];
-            plane[2 * i + 1][a] = r->hi[i] * row[2][a] - row[i][a];
+    const BvhScene *scene = &s->scene->tree;
+    Plane plane[4];
+    for (int p = 0; p < 4; p++) {
+        const double sign = p & 1 ? -1 : 1, at = p & 1 ? r->hi[p / 2] : r->lo[p / 2];
+        plane[p].slack = 0;
+        for (int a = 0; a < 3; a++) {
+            const double n = sign * (w->plane[p / 2][a] - at * w->plane[2][a]),
+                         far = scene->bvh->magnitude + fabs(w->eye[a]) + scene->slack;
+            plane[p].normal[a] = n, plane[p].slack += fabs(n) * (scene->slack + 1e-12 * far);
         }
-        plane[4][a] = row[2][a];
     }
     Store *store = s->store;
-    store->eight.n = store->neights = 0;
-    list_triangles(s, (const double(*)[3])plane, w->eye);
+    store->near.n = 0;
+    list_triangles(s, plane, w->eye);
     for (uint32_t i = 0; i < store->list.n; i += 8)
         add_eight(s, w, r, store->list.data + i, store->list.n - i < 8 ? store->list.n - i : 8);
 }
 
-/* Those of the eight that the window may see. */
-INLINE void survey_eight(Search *s, uint32_t number, const Rectangle *within, double *hidden) {
-    typedef struct {
-        double at[8];
-    } Row;
-    Store *store = s->store;
-    const Eight *e = &store->eight.data[number];
-    const Window *w = &s->window;
-    L8 in = (*(const Wide *)e->lo[0] <= within->hi[0]) & (*(const Wide *)e->hi[0] >= within->lo[0]) &
-            (*(const Wide *)e->lo[1] <= within->hi[1]) & (*(const Wide *)e->hi[1] >= within->lo[1]);
-    if (!bits_D8(in)) return;
-    D8 g[3], least, most;
-    L8 fills = ~(L8){0};
-    for (int k = 0; k < 3; k++) {
-        const D8 n[3] = {*(const Wide *)e->normal[k][0], *(const Wide *)e->normal[k][1],
-                         *(const Wide *)e->normal[k][2]};
-        dot8(n, w->u, &g[0]), dot8(n, w->v, &g[1]), dot8(n, w->c, &g[2]);
-        range_of(g, &least, &most);
-        in &= most > 0, fills &= least > 0;
+static void read(Beams *b, bool f64, const void *rays, uint64_t mask, uint32_t width) {
+    const uint32_t padded = (width + 7) / 8 * 8;
+    b->mask = width < LANES ? mask & ((1ull << width) - 1) : mask;
+    for (uint32_t k = 0; k < SLT_BEAM_ROWS; k++) {
+        double *to = b->row[k];
+        if (f64) memcpy(to, (const double *)rays + (size_t)k * width, width * sizeof *to);
+        else
+            for (uint32_t i = 0; i < width; i++) to[i] = (double)((const float *)rays)[(size_t)k * width + i];
+        for (uint32_t i = width; i < padded; i++) to[i] = 0;
     }
-    uint32_t some = bits_D8(in);
-    if (!some) return;
-    const D8 n[3] = {*(const Wide *)e->depth[0], *(const Wide *)e->depth[1], *(const Wide *)e->depth[2]};
-    dot8(n, w->u, &g[0]), dot8(n, w->v, &g[1]), dot8(n, w->c, &g[2]);
-    range_of(g, &least, &most);
-    const uint32_t filling = bits_D8(fills);
-    Row low, high;
-    memcpy(&low, &least, sizeof low), memcpy(&high, &most, sizeof high);
-    if (!window_room(store, &store->candidate.data, store->candidate.n, &store->candidate.room, 8,
-                     sizeof *store->candidate.data))
-        return;
-    for (; some; some &= some - 1) {
-        const int i = __builtin_ctz(some);
-        if (high.at[i] < *hidden || !(low.at[i] >= -DBL_MAX && high.at[i] <= DBL_MAX)) continue;
-        Candidate *c = &store->candidate.data[store->candidate.n++];
-        *c = (Candidate){low.at[i], high.at[i], e->triangle[i], 8 * number + (uint32_t)i, filling >> i & 1};
-        if (c->fills && c->least > *hidden) *hidden = c->least;
+    for (uint32_t i = 0; i < width; i += 8) {
+        L8 good = ~(L8){0};
+        for (uint32_t k = 0; k < SLT_BEAM_ROWS; k++) {
+            const D8 at = *(const Wide *)&b->row[k][i];
+            good &= (at <= 1e30) & (at >= -1e30);
+        }
+        for (uint32_t a = 0; a < 3; a++)
+            *(Wide *)&b->row[SLT_BEAM_CORNER + a][i] -= *(const Wide *)&b->row[SLT_BEAM_EYE + a][i];
+        b->mask &= ~((uint64_t)(~bits_D8(good) & 255) << i);
     }
 }
 
-static void survey(Search *s, const Rectangle *within) {
-    Store *store = s->store;
-    double hidden = -HUGE_VAL;
-    uint32_t n = 0;
-    store->candidate.n = 0;
-    for (uint32_t i = 0; i < store->eight.n; i++) survey_eight(s, i, within, &hidden);
-    for (uint32_t i = 0; i < store->candidate.n; i++)
-        if (!(store->candidate.data[i].most < hidden)) store->candidate.data[n++] = store->candidate.data[i];
-    store->candidate.n = n;
-}
-
-static void place(const Window *w, const double row[SLT_BEAM_ROWS][LANES], uint32_t width, Places *out) {
+static void place(const Window *w, const Beams *b, uint32_t width, Places *out) {
     out->ahead = 0;
     for (uint32_t k = 0; k < width; k += 8) {
         D8 u[3], v[3], c[3], at[3][4];
         L8 ahead = ~(L8){0};
         for (int a = 0; a < 3; a++) {
-            const D8 eye = *(const Wide *)&row[SLT_BEAM_EYE + a][k];
-            ahead &= eye == w->eye[a];
-            c[a] = *(const Wide *)&row[SLT_BEAM_CORNER + a][k] - eye;
-            u[a] = *(const Wide *)&row[SLT_BEAM_U + a][k], v[a] = *(const Wide *)&row[SLT_BEAM_V + a][k];
+            ahead &= *(const Wide *)&b->row[SLT_BEAM_EYE + a][k] == w->eye[a];
+            c[a] = *(const Wide *)&b->row[SLT_BEAM_CORNER + a][k];
+            u[a] = *(const Wide *)&b->row[SLT_BEAM_U + a][k], v[a] = *(const Wide *)&b->row[SLT_BEAM_V + a][k];
         }
-        for (int i = 2; i >= 0; i--) {
+        for (int i = 0; i < 3; i++) {
             D8 first, s, t;
             dot8(c, w->plane[i], &first), dot8(u, w->plane[i], &s), dot8(v, w->plane[i], &t);
             at[i][0] = first, at[i][1] = first + s, at[i][2] = first + t, at[i][3] = first + s + t;
-            if (i < 2) {
-                D8 lo = at[i][0] / at[2][0], hi = lo;
-                for (int q = 1; q < 4; q++) {
-                    D8 x = at[i][q] / at[2][q];
-                    keep_min(&lo, &x), keep_max(&hi, &x);
-                }
-                *(Wide *)&out->lo[i][k] = lo, *(Wide *)&out->hi[i][k] = hi;
-            } else
-                for (int q = 0; q < 4; q++) ahead &= at[2][q] > 0;
+        }
+        for (int q = 0; q < 4; q++) {
+            const D8 inverse = 1 / at[2][q];
+            ahead &= at[2][q] > 0;
+            for (int i = 0; i < 2; i++) at[i][q] *= inverse;
+        }
+        for (int i = 0; i < 2; i++) {
+            D8 lo = at[i][0], hi = lo;
+            for (int q = 1; q < 4; q++) keep_min(&lo, &at[i][q]), keep_max(&hi, &at[i][q]);
+            *(Wide *)&out->lo[i][k] = lo, *(Wide *)&out->hi[i][k] = hi;
         }
         out->ahead |= (uint64_t)bits_D8(ahead) << k;
     }
+}
+
+/* What a linear function of the direction is at the corners of windows with equal u and v, less what it is at the
+ * first: the least and the most. Adding rounds alike whichever of them is added, so this is the least of the sums. */
+INLINE void spread_of(const double n[3], const Beams *b, uint32_t lane, double spread[2]) {
+    double u[3], v[3];
+    for (int a = 0; a < 3; a++) u[a] = b->row[SLT_BEAM_U + a][lane], v[a] = b->row[SLT_BEAM_V + a][lane];
+    const double s = window_dot(n, u), t = window_dot(n, v), at[4] = {0, s, t, s + t};
+    spread[0] = spread[1] = 0;
+    for (int q = 1; q < 4; q++) {
+        spread[0] = at[q] < spread[0] ? at[q] : spread[0];
+        spread[1] = at[q] > spread[1] ? at[q] : spread[1];
+    }
+}
+
+/* Of d . n at the corners of the windows of eight lanes. */
+INLINE void range_of(const double n[3], const Beams *b, uint32_t k, bool alike, const double spread[2], D8 *least,
+                     D8 *most) {
+    D8 row[3], c, s, t;
+    for (int a = 0; a < 3; a++) row[a] = *(const Wide *)&b->row[SLT_BEAM_CORNER + a][k];
+    dot8(row, n, &c);
+    *least = *most = c;
+    if (alike) {
+        *least = c + spread[0], *most = c + spread[1];
+        return;
+    }
+    for (int a = 0; a < 3; a++) row[a] = *(const Wide *)&b->row[SLT_BEAM_U + a][k];
+    dot8(row, n, &s);
+    for (int a = 0; a < 3; a++) row[a] = *(const Wide *)&b->row[SLT_BEAM_V + a][k];
+    dot8(row, n, &t);
+    D8 at[3] = {s + c, t + c, s + t + c};
+    for (int q = 0; q < 3; q++) keep_min(least, &at[q]), keep_max(most, &at[q]);
+}
+
+/* Appends what the windows of eight lanes may see of a triangle, in no order. */
+INLINE void meet_lanes(Store *store, const Beams *b, const Places *lie, uint32_t number, uint32_t k, uint32_t on,
+                       bool alike, const double spread[4][2], D8 *hidden) {
+    typedef struct {
+        double at[8];
+    } Row;
+    const Near *t = &store->near.data[number];
+    L8 in = (*(const Wide *)&lie->lo[0][k] <= t->hi[0]) & (*(const Wide *)&lie->hi[0][k] >= t->lo[0]) &
+            (*(const Wide *)&lie->lo[1][k] <= t->hi[1]) & (*(const Wide *)&lie->hi[1][k] >= t->lo[1]);
+    if (!(bits_D8(in) & on)) return;
+    L8 fills = in;
+    D8 least, most;
+    for (int e = 0; e < 3; e++) {
+        range_of(t->normal[e], b, k, alike, spread[e], &least, &most);
+        in &= most > 0, fills &= least > 0;
+    }
+    range_of(t->depth, b, k, alike, spread[3], &least, &most);
+    in &= (most >= *hidden) & (least >= -DBL_MAX) & (most <= DBL_MAX);
+    uint32_t some = bits_D8(in) & on;
+    if (!some) return;
+    fills &= in;
+    const uint32_t filling = bits_D8(fills);
+    D8 nearest = (D8)((fills & (L8)least) | (~fills & (L8)*hidden));
+    keep_max(hidden, &nearest);
+    Row low, high;
+    memcpy(&low, &least, sizeof low), memcpy(&high, &most, sizeof high);
+    for (; some; some &= some - 1) {
+        const uint32_t i = (uint32_t)__builtin_ctz(some);
+        store->found.data[store->found.n++] =
+            (Candidate){low.at[i], high.at[i], t->triangle, number, (uint8_t)(k + i), filling >> i & 1};
+    }
+}
+
+static void survey(Search *s, const Beams *b, const Places *lie, Neighbours *group) {
+    Store *store = s->store;
+    D8 hidden[LANES / 8];
+    double nearest[LANES];
+    uint32_t *first = group->first, count[LANES] = {0};
+    for (int k = 0; k < LANES / 8; k++) hidden[k] = (D8){0} - HUGE_VAL;
+    store->found.n = store->candidate.n = 0;
+    memset(first, 0, sizeof group->first);
+    for (uint32_t i = 0; i < store->near.n; i++) {
+        const Near *t = &store->near.data[i];
+        double spread[4][2] = {{0}};
+        for (int e = 0; e < 4 && group->alike; e++)
+            spread_of(e < 3 ? t->normal[e] : t->depth, b, group->base, spread[e]);
+        if (!window_room(store, &store->found.data, store->found.n, &store->found.room, LANES,
+                         sizeof *store->found.data))
+            return;
+        for (uint32_t k = group->base / 8 * 8; k <= group->last; k += 8) {
+            const uint32_t on = (uint32_t)(b->mask >> k) & 255;
+            if (on) meet_lanes(store, b, lie, i, k, on, group->alike, (const double(*)[2])spread, &hidden[k / 8]);
+        }
+    }
+    if (!window_room(store, &store->candidate.data, 0, &store->candidate.room, store->found.n,
+                     sizeof *store->candidate.data))
+        return;
+    memcpy(nearest, hidden, sizeof nearest);
+    /* By lane, less what is hidden. */
+    for (uint32_t i = 0; i < store->found.n; i++) {
+        const Candidate *c = &store->found.data[i];
+        count[c->lane] += !(c->most < nearest[c->lane]);
+    }
+    for (uint32_t k = 0; k < LANES; k++) first[k + 1] = first[k] + count[k], count[k] = first[k];
+    for (uint32_t i = 0; i < store->found.n; i++) {
+        const Candidate *c = &store->found.data[i];
+        if (!(c->most < nearest[c->lane])) store->candidate.data[count[c->lane]++] = *c;
+    }
+    store->candidate.n = first[LANES];
 }

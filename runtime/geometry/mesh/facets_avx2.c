@@ -7,7 +7,6 @@
 #if defined(__AVX2__)
 #include "lanes.h"
 #include "facets.inc.h"
-#include "cover.inc.h"
 
-const FacetSearch facets_avx2 = {.place = place, .list = list, .survey = survey, .cover = cover_all, .split = split};
+const FacetSearch facets_avx2 = {.read = read, .place = place, .list = list, .survey = survey};
 #endif

@@ -7,7 +7,6 @@
 #if defined(__AVX512DQ__)
 #include "lanes.h"
 #include "facets.inc.h"
-#include "cover.inc.h"
 
-const FacetSearch facets_avx512 = {.place = place, .list = list, .survey = survey, .cover = cover_all, .split = split};
+const FacetSearch facets_avx512 = {.read = read, .place = place, .list = list, .survey = survey};
 #endif

@@ -6,6 +6,5 @@
 
 #include "lanes.h"
 #include "facets.inc.h"
-#include "cover.inc.h"
 
-const FacetSearch facets_plain = {.place = place, .list = list, .survey = survey, .cover = cover_all, .split = split};
+const FacetSearch facets_plain = {.read = read, .place = place, .list = list, .survey = survey};

@@ -198,7 +198,7 @@ INLINE float outwards_of(double v) {
 
 /* The lowest n bits, n from 1 to 64. */
 #define LOW_BITS(n) (~(uint64_t)0 >> (64 - (n)))
-enum { PACKET = 8, FEW = 4, FEW_IN_LEAF = 6, LARGE = 4096 };
+enum { PACKET = 8, FEW = 4, FEW_IN_LEAF = 6, LARGE = 4096, WALK = 4, TRIES = 4 };
 #define NEAR 0.25
 #define SPREAD 0.25f
 enum { RAYS = 64, MANY = sizeof(Many) / sizeof(float) };

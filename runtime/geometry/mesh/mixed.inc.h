@@ -1,23 +1,8 @@
 /* Rays that go apart, together as long as they meet the same nodes: rays.inc.h includes this behind its tests of single
  * rays. One ray after the other is tested against a node's eight boxes, without a decision in between; then the node's
  * children in turn are entered by the rays that pass them. A ray that is left alone goes on alone. */
-#define pass_boxes FN(pass_boxes)
 #define near_each_other FN(near_each_other)
 #define descend_mixed FN(descend_mixed)
-
-/* Which boxes of the node ray k passes. */
-INLINE uint32_t pass_boxes(const BvhNode *n, const Rays *r, uint32_t k, F8 *enter) {
-    F8 in = all_F8(r->begin[k]), out = all_F8(r->end[k]);
-    for (int a = 0; a < 3; a++) {
-        const float *box = n->lo[a];
-        const size_t far = r->way[k] & 4 << a ? 0 : 24;
-        const F8 inverse = all_F8(r->inverse[a][k]);
-        in = higher((*(const F8 *)(box + 24 - far) - all_F8(r->near[a][k])) * inverse, in);
-        out = lower((*(const F8 *)(box + far) - all_F8(r->far[a][k])) * inverse, out);
-    }
-    *enter = in;
-    return upto(in, out);
-}
 
 /* Do they begin so near each other that they meet the same nodes at first? */
 INLINE bool near_each_other(const BvhScene *s, const Rays *r, uint64_t who) {
@@ -31,7 +16,7 @@ INLINE bool near_each_other(const BvhScene *s, const Rays *r, uint64_t who) {
 }
 
 static void descend_mixed(const BvhScene *s, Rays *r, uint64_t who, int32_t at, bool any) {
-    struct Waiting {
+    struct Branch {
         uint64_t who;
         int32_t child;
         float enter;
@@ -52,7 +37,7 @@ static void descend_mixed(const BvhScene *s, Rays *r, uint64_t who, int32_t at, 
         *(F8 *)enter = nearest;
         const uint32_t bottom = depth;
         for (uint32_t child = 0; child < BVH_WIDTH; child++) {
-            const struct Waiting w = {column(pass, child), n->child[child], enter[child]};
+            const struct Branch w = {column(pass, child), n->child[child], enter[child]};
             if (!w.who) continue;
             fetch(s, w.child);
             uint32_t i = depth++;
@@ -68,7 +53,7 @@ static void descend_mixed(const BvhScene *s, Rays *r, uint64_t who, int32_t at, 
             if (!here) continue;
             if (at < 0) meet_each(s, r, here, ~at);
             else if (here & (here - 1)) break;
-            else descend(s, r, (uint32_t)__builtin_ctzll(here), at, any);
+            else descend_each(s, r, here, (uint32_t)at, any);
             for (uint64_t k = any ? here : 0; k; k &= k - 1)
                 if (r->triangle[__builtin_ctzll(k)] >= 0) who &= ~(k & -k);
             if (!who) return;

@@ -158,7 +158,7 @@ static bool descend_packet(const BvhScene *s, Rays *r, uint64_t who, bool any) {
     typedef struct {
         float at[8];
     } Enters;
-    struct Waiting {
+    struct Branch {
         float enter;
         uint32_t node, child;
         uint64_t who;
@@ -174,7 +174,7 @@ static bool descend_packet(const BvhScene *s, Rays *r, uint64_t who, bool any) {
         uint32_t hit = before_all(n, &p, &in), bottom = depth;
         memcpy(&enter, &in, sizeof enter);
         for (; hit; hit &= hit - 1) {
-            const struct Waiting w = {enter.at[__builtin_ctz(hit)], at, (uint32_t)__builtin_ctz(hit), here};
+            const struct Branch w = {enter.at[__builtin_ctz(hit)], at, (uint32_t)__builtin_ctz(hit), here};
             fetch(s, n->child[w.child]);
             uint32_t i = depth++;
             for (; i > bottom && stack[i - 1].enter < w.enter; i--) stack[i] = stack[i - 1];
@@ -183,7 +183,7 @@ static bool descend_packet(const BvhScene *s, Rays *r, uint64_t who, bool any) {
         /* Until another node is entered. */
         for (;;) {
             if (!depth) return true;
-            const struct Waiting *w = &stack[--depth];
+            const struct Branch *w = &stack[--depth];
             if (w->enter > p.end) continue;
             n = &s->bvh->node[w->node];
             const int32_t child = n->child[w->child];
@@ -197,7 +197,7 @@ static bool descend_packet(const BvhScene *s, Rays *r, uint64_t who, bool any) {
                 at = (uint32_t)child;
                 break;
             } else if (many > 1) descend_mixed(s, r, here, child, any);
-            else descend(s, r, (uint32_t)__builtin_ctzll(here), child, any);
+            else descend_each(s, r, here, (uint32_t)child, any);
             for (uint64_t k = any ? here : 0; k; k &= k - 1)
                 if (r->triangle[__builtin_ctzll(k)] >= 0) who &= ~(k & -k);
             if (!who) return true;

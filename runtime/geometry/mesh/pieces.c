@@ -26,33 +26,11 @@ void window_planes(Window *w) {
         for (int a = 0; a < 3; a++) w->plane[k][a] = -w->plane[k][a];
 }
 
-typedef struct Beams {
-    double row[SLT_BEAM_ROWS][LANES];
-    uint64_t mask;
-} Beams;
-
-static void read_beams(Beams *b, bool f64, const void *rays, uint64_t mask, uint32_t width) {
-    const uint32_t padded = (width + 7) / 8 * 8;
-    b->mask = width < 64 ? mask & ((1ull << width) - 1) : mask;
-    for (uint32_t k = 0; k < SLT_BEAM_ROWS; k++) {
-        double *to = b->row[k];
-        for (uint32_t i = 0; i < width; i++)
-            to[i] = f64 ? ((const double *)rays)[(size_t)k * width + i]
-                        : (double)((const float *)rays)[(size_t)k * width + i];
-        for (uint32_t i = width; i < padded; i++) to[i] = 0;
-    }
-    for (uint32_t i = 0; i < width; i++) {
-        bool finite = true;
-        for (uint32_t k = 0; k < SLT_BEAM_ROWS; k++) finite &= fabs(b->row[k][i]) <= 1e30;
-        if (!finite) b->mask &= ~(1ull << i);
-    }
-}
-
 /* False: a window that is a line, or passes through its eye. */
 static bool window_set(Window *w, const Beams *b, uint32_t lane) {
     double n[3];
     for (int a = 0; a < 3; a++) {
-        w->eye[a] = b->row[SLT_BEAM_EYE + a][lane], w->c[a] = b->row[SLT_BEAM_CORNER + a][lane] - w->eye[a];
+        w->eye[a] = b->row[SLT_BEAM_EYE + a][lane], w->c[a] = b->row[SLT_BEAM_CORNER + a][lane];
         w->u[a] = b->row[SLT_BEAM_U + a][lane], w->v[a] = b->row[SLT_BEAM_V + a][lane];
     }
     window_cross(w->v, w->c, n);
@@ -84,14 +62,13 @@ static void sort(Candidate *c, uint32_t n) {
 }
 
 static void facet_of(const Search *s, const Candidate *c, Facet *f) {
-    const Eight *e = &s->store->eight.data[c->at / 8];
-    const uint32_t i = c->at % 8;
+    const Near *near = &s->store->near.data[c->near];
     for (int k = 0; k < 4; k++) {
-        double n[3], *to = k < 3 ? f->g[k] : f->depth;
-        for (int a = 0; a < 3; a++) n[a] = k < 3 ? e->normal[k][a][i] : e->depth[a][i];
+        const double *n = k < 3 ? near->normal[k] : near->depth;
+        double *to = k < 3 ? f->g[k] : f->depth;
         to[0] = window_dot(n, s->window.u), to[1] = window_dot(n, s->window.v), to[2] = window_dot(n, s->window.c);
     }
-    f->most = c->most, f->triangle = c->triangle, f->turned = e->turned[i];
+    f->most = c->most, f->triangle = c->triangle, f->turned = near->turned;
 }
 
 /* Where each facet lies, before a window is halved. */
@@ -141,9 +118,11 @@ static bool meets(const Facet *f, const Rectangle *r, double *most, double *leas
 static void look(Search *s, uint32_t from, uint32_t n, const Rectangle *r, int halvings) {
     Store *store = s->store;
     if (n <= FEW || halvings == HALVINGS) {
-        s->scene->facets->cover(store, r, from, n);
-        for (uint32_t i = 0; i < store->piece.n; i++)
-            if (store->piece.data[i].n >= 3 && store->piece.data[i].facet >= 0) told_piece(s, &store->piece.data[i]);
+        cover_all(store, r, from, n);
+        for (uint32_t i = 0; i < store->live.n; i++) {
+            const Polygon *p = &store->piece.data[store->live.data[i]];
+            if (p->n && p->facet >= 0) told_piece(s, p);
+        }
         return;
     }
     const int axis = r->hi[0] - r->lo[0] >= r->hi[1] - r->lo[1] ? 0 : 1;
@@ -173,23 +152,19 @@ static void look(Search *s, uint32_t from, uint32_t n, const Rectangle *r, int h
     }
 }
 
-static void look_through(Search *s, const Rectangle *within) {
+static void look_through(Search *s, Candidate *c, uint32_t n) {
     Store *store = s->store;
-    s->first = s->last = 0;
-    s->scene->facets->survey(s, within);
-    const uint32_t n = store->candidate.n;
-    if (!n) return;
-    if (n == 1 && store->candidate.data[0].fills) {
-        told_whole(s, store->candidate.data[0].triangle);
+    if (n == 1 && c->fills) {
+        told_whole(s, c->triangle);
         return;
     }
     store->facet.n = store->chosen.n = 0;
     if (!window_room(store, &store->facet.data, 0, &store->facet.room, n, sizeof *store->facet.data) ||
         !window_room(store, &store->chosen.data, 0, &store->chosen.room, n, sizeof *store->chosen.data))
         return;
-    sort(store->candidate.data, n);
+    sort(c, n);
     for (uint32_t i = 0; i < n; i++) {
-        facet_of(s, &store->candidate.data[i], &store->facet.data[store->facet.n++]);
+        facet_of(s, &c[i], &store->facet.data[store->facet.n++]);
         store->chosen.data[store->chosen.n++] = i;
     }
     if (n > FEW || s->scene->adjacency) window_planes(&s->window);
@@ -197,36 +172,37 @@ static void look_through(Search *s, const Rectangle *within) {
     look(s, 0, n, &(Rectangle){{0, 0}, {1, 1}}, 0);
 }
 
-/* Lanes from `base` on that look from one eye through windows side by side, which are listed for together; the last of
- * them. */
-static uint32_t neighbours(const Beams *b, uint32_t base, uint32_t width, const Places *lies, Rectangle *all) {
-    uint32_t last = base;
+/* Lanes from `base` on that look from one eye through windows side by side, which are listed for together. */
+static void neighbours(const Beams *b, uint32_t base, uint32_t width, const Places *lie, Rectangle *all,
+                       Neighbours *n) {
+    n->base = n->last = base, n->alike = true;
     double area = 1;
     *all = (Rectangle){{0, 0}, {1, 1}};
     for (uint32_t k = base + 1; k < width; k++) {
         if (!(b->mask >> k & 1)) continue;
-        if (!(lies->ahead >> k & 1)) break;
-        Rectangle wider = *all, own = {{lies->lo[0][k], lies->lo[1][k]}, {lies->hi[0][k], lies->hi[1][k]}};
+        if (!(lie->ahead >> k & 1)) break;
+        Rectangle wider = *all, own = {{lie->lo[0][k], lie->lo[1][k]}, {lie->hi[0][k], lie->hi[1][k]}};
         for (int i = 0; i < 2; i++) {
             if (own.lo[i] < wider.lo[i]) wider.lo[i] = own.lo[i];
             if (own.hi[i] > wider.hi[i]) wider.hi[i] = own.hi[i];
         }
         if (!(area_of(&wider) <= SPARSE * (area + area_of(&own)))) break;
         area += area_of(&own);
-        *all = wider, last = k;
+        *all = wider, n->last = k;
+        for (int r = SLT_BEAM_U; r < SLT_BEAM_ROWS; r++) n->alike &= b->row[r][k] == b->row[r][base];
     }
-    return last;
 }
 
 bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint32_t width, int32_t *witness) {
     Search s = {.scene = scene, .store = told_store(), .f64 = scene->tree.bvh->f64};
     Beams beams;
-    Places lies;
+    Places lie;
     Rectangle all;
+    Neighbours group;
     for (uint32_t k = 0; k < width; k++) witness[k] = 0;
     if (!s.store || !s.store->n) return false;
     s.store->lost = false;
-    read_beams(&beams, s.f64, rays, mask, width);
+    scene->facets->read(&beams, s.f64, rays, mask, width);
     while (beams.mask) {
         const uint32_t base = (uint32_t)__builtin_ctzll(beams.mask);
         Window window;
@@ -235,18 +211,18 @@ bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint3
             continue;
         }
         window_planes(&window);
-        scene->facets->place(&window, (const double(*)[LANES])beams.row, width, &lies);
-        const uint32_t last = neighbours(&beams, base, width, &lies, &all);
+        scene->facets->place(&window, &beams, width, &lie);
+        neighbours(&beams, base, width, &lie, &all, &group);
         scene->facets->list(&s, &window, &all);
-        for (uint32_t k = base; k <= last; k++) {
-            if (!(beams.mask >> k & 1)) continue;
-            beams.mask &= ~(1ull << k);
-            Rectangle own = {{0, 0}, {1, 1}};
-            for (int i = 0; i < 2 && k > base; i++) own.lo[i] = lies.lo[i][k], own.hi[i] = lies.hi[i][k];
-            if (!s.store->eight.n || !window_set(&s.window, &beams, k)) continue;
-            look_through(&s, &own);
+        scene->facets->survey(&s, &beams, &lie, &group);
+        for (uint32_t k = base; k <= group.last; k++) {
+            const uint32_t n = group.first[k + 1] - group.first[k];
+            s.first = s.last = 0;
+            if (n && beams.mask >> k & 1 && window_set(&s.window, &beams, k))
+                look_through(&s, s.store->candidate.data + group.first[k], n);
             witness[k] = (int32_t)s.first;
         }
+        beams.mask &= group.last == LANES - 1 ? 0 : ~0ull << (group.last + 1);
     }
     return !s.store->lost;
 }

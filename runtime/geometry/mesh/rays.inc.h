@@ -36,9 +36,13 @@
 #define meet_leaf FN(meet_leaf)
 #define moved_leaf FN(moved_leaf)
 #define take FN(take)
+#define pass_boxes FN(pass_boxes)
+#define Waiting FN(BvhWaiting)
 #define go_down FN(go_down)
+#define trace_below FN(trace_below)
+#define block_below FN(block_below)
+#define descend_each FN(descend_each)
 #define meet_each FN(meet_each)
-#define descend FN(descend)
 #define fetch FN(fetch)
 #define all FN(all)
 #define wide FN(wide)
@@ -115,10 +119,9 @@ INLINE uint32_t set_group(Rays *r, const BvhScene *s, uint32_t k) {
     typedef int32_t Ways __attribute__((vector_size(4 * GROUP)));
     *(Ways *)(r->way + k) = __builtin_convertvector(way, Ways);
     *(Ways *)(r->triangle + k) = (Ways){0} + SLT_WITNESS_NONE;
-    for (uint32_t i = k; i < k + GROUP; i++) {
-        r->begin[i] = -outwards_of(-r->t0[i] * r->scale[i]);
-        r->end[i] = outwards_of(r->t[i] * r->scale[i]);
-    }
+    const Narrow begin = __builtin_convertvector(t0 * scale, Narrow), end = __builtin_convertvector(t1 * scale, Narrow);
+    *(Narrow *)(r->begin + k) = begin - higher(begin, -begin) * 0x1p-22f;
+    *(Narrow *)(r->end + k) = end + higher(end, -end) * 0x1p-22f;
     return less((Group)(fine & (Whole)((Group){0} - 1)), (Group){0});
 }
 
@@ -227,70 +230,114 @@ INLINE void meet_each(const BvhScene *s, Rays *r, uint64_t who, int32_t leaf) {
     for (; who; who &= who - 1) meet_leaf(l, r, (uint32_t)__builtin_ctzll(who));
 }
 
-/* Ray k against what is under `at`. */
-INLINE void go_down(const BvhScene *s, Rays *r, uint32_t k, int32_t at, bool any) {
-    struct Waiting {
-        float enter;
-        int32_t child;
-    } stack[BVH_STACK], *top = stack;
-    const bool large = s->bvh->nleaves > LARGE;
+/* Which boxes of the node ray k passes. */
+INLINE uint32_t pass_boxes(const BvhNode *n, const Rays *r, uint32_t k, F8 *enter) {
+    F8 in = all_F8(r->begin[k]), out = all_F8(r->end[k]);
+    for (int a = 0; a < 3; a++) {
+        const float *box = n->lo[a];
+        const size_t far = r->way[k] & 4 << a ? 0 : 24;
+        const F8 inverse = all_F8(r->inverse[a][k]);
+        in = higher((*(const F8 *)(box + 24 - far) - all_F8(r->near[a][k])) * inverse, in);
+        out = lower((*(const F8 *)(box + far) - all_F8(r->far[a][k])) * inverse, out);
+    }
+    *enter = in;
+    return upto(in, out);
+}
+
+typedef struct Waiting {
+    float enter;
+    int32_t child;
+} Waiting;
+
+/* Ray k from a node on, of which it has met the boxes `hit`. */
+INLINE void go_down(const BvhScene *s, Rays *r, uint32_t k, const BvhNode *n, uint32_t hit, F8 in, bool any) {
+    Waiting stack[BVH_STACK], *top = stack;
     size_t close[3];
-    F8 near[3], far[3], inverse[3];
+    F8 near[3], far[3], inverse[3], end = all_F8(r->end[k]);
     const F8 begin = all_F8(r->begin[k]);
     for (int a = 0; a < 3; a++) {
         close[a] = (size_t)(r->way[k] & 4 << a ? 24 : 0) + 8 * (size_t)a;
         near[a] = all_F8(r->near[a][k]), far[a] = all_F8(r->far[a][k]), inverse[a] = all_F8(r->inverse[a][k]);
     }
-    F8 end = all_F8(r->end[k]);
     for (;;) {
-        if (at >= 0) {
-            const BvhNode *n = &s->bvh->node[at];
-            const float *box = n->lo[0];
-            F8 in = begin, out = end;
-            for (int a = 0; a < 3; a++) {
-                in = higher((*(const F8 *)(box + close[a]) - near[a]) * inverse[a], in);
-                out = lower((*(const F8 *)((box - close[a]) + 24 + 16 * a) - far[a]) * inverse[a], out);
+        int32_t at = -1;
+        if (hit) {
+            float enter[8] __attribute__((aligned(32)));
+            *(F8 *)enter = in;
+            uint32_t i = (uint32_t)__builtin_ctz(hit);
+            float nearest = enter[i];
+            at = n->child[i];
+            /* The nearest next; the others wait, the nearest of them on top. */
+            Waiting *const bottom = top;
+            while (hit &= hit - 1) {
+                i = (uint32_t)__builtin_ctz(hit);
+                Waiting other = {enter[i], n->child[i]};
+                if (s->bvh->nleaves > LARGE) fetch(s, other.child);
+                if (other.enter < nearest) {
+                    const Waiting first = {nearest, at};
+                    nearest = other.enter, at = other.child, other = first;
+                }
+                Waiting *place = top++;
+                for (; !any && place > bottom && place[-1].enter < other.enter; place--) *place = place[-1];
+                *place = other;
             }
-            uint32_t hit = upto(in, out);
-            if (hit) {
-                float enter[8] __attribute__((aligned(32)));
-                *(F8 *)enter = in;
-                uint32_t i = (uint32_t)__builtin_ctz(hit);
-                at = n->child[i];
-                if (!(hit &= hit - 1)) continue;
-                /* The nearest next; the others wait, the nearest of them on top. */
-                float nearest = enter[i];
-                struct Waiting *const bottom = top;
-                do {
-                    i = (uint32_t)__builtin_ctz(hit);
-                    struct Waiting other = {enter[i], n->child[i]};
-                    if (large) fetch(s, other.child);
-                    if (other.enter < nearest) {
-                        const struct Waiting first = {nearest, at};
-                        nearest = other.enter, at = other.child, other = first;
-                    }
-                    struct Waiting *place = top++;
-                    for (; !any && place > bottom && place[-1].enter < other.enter; place--) *place = place[-1];
-                    *place = other;
-                } while (hit &= hit - 1);
-                continue;
+            if (at < 0) {
+                meet_each(s, r, (uint64_t)1 << k, ~at);
+                if (any && r->triangle[k] >= 0) return;
+                end = all_F8(r->end[k]);
             }
-        } else {
+        }
+        while (at < 0) {
+            do {
+                if (top == stack) return;
+                top--;
+            } while (!any && top->enter > end[0]);
+            at = top->child;
+            if (at >= 0) break;
             meet_each(s, r, (uint64_t)1 << k, ~at);
             if (any && r->triangle[k] >= 0) return;
             end = all_F8(r->end[k]);
         }
-        do {
-            if (top == stack) return;
-            top--;
-        } while (!any && top->enter > end[0]);
-        at = top->child;
+        n = &s->bvh->node[at];
+        const float *box = n->lo[0];
+        F8 out = end;
+        in = begin;
+        for (int a = 0; a < 3; a++) {
+            in = higher((*(const F8 *)(box + close[a]) - near[a]) * inverse[a], in);
+            out = lower((*(const F8 *)((box - close[a]) + 24 + 16 * a) - far[a]) * inverse[a], out);
+        }
+        hit = upto(in, out);
     }
 }
 
-static void descend(const BvhScene *s, Rays *r, uint32_t k, int32_t at, bool any) {
-    if (any) go_down(s, r, k, at, true);
-    else go_down(s, r, k, at, false);
+static void trace_below(const BvhScene *s, Rays *r, uint32_t k, const BvhNode *n, uint32_t hit, const F8 *in) {
+    go_down(s, r, k, n, hit, *in, false);
+}
+
+static void block_below(const BvhScene *s, Rays *r, uint32_t k, const BvhNode *n, uint32_t hit, const F8 *in) {
+    go_down(s, r, k, n, hit, *in, true);
+}
+
+#include "walk.inc.h"
+
+/* Rays from a node on, each for itself. */
+INLINE void descend_each(const BvhScene *s, Rays *r, uint64_t who, uint32_t node, bool any) {
+    if (s->bvh->nleaves > LARGE && __builtin_popcountll(who) >= WALK) {
+        if (any) walk_any(s, r, who, node);
+        else walk_first(s, r, who, node);
+        return;
+    }
+    const BvhNode *n = &s->bvh->node[node];
+    F8 enter[RAYS];
+    uint8_t pass[RAYS];
+    for (uint64_t left = who; left; left &= left - 1) {
+        const uint32_t k = (uint32_t)__builtin_ctzll(left);
+        pass[k] = (uint8_t)pass_boxes(n, r, k, &enter[k]);
+    }
+    for (; who; who &= who - 1) {
+        const uint32_t k = (uint32_t)__builtin_ctzll(who);
+        if (pass[k]) (any ? block_below : trace_below)(s, r, k, n, pass[k], &enter[k]);
+    }
 }
 
 #include "mixed.inc.h"
@@ -307,17 +354,15 @@ INLINE uint64_t same_way(const Rays *r, uint32_t k, uint64_t left) {
 static void search(const BvhScene *s, const void *rays, uint64_t mask, uint32_t width, bool any, int32_t *witness) {
     Rays r;
     const uint64_t fine = set_rays(&r, s, rays, mask, width);
-    uint64_t apart = 0;
-    for (uint64_t left = fine; left;) {
-        const uint64_t first = left & -left;
-        const uint64_t same =
-            __builtin_popcountll(left) >= PACKET ? same_way(&r, (uint32_t)__builtin_ctzll(left), left) : first;
+    uint64_t apart = 0, left = fine;
+    for (int tries = 0; __builtin_popcountll(left) >= PACKET && tries < TRIES; tries++) {
+        const uint64_t same = same_way(&r, (uint32_t)__builtin_ctzll(left), left);
         if (__builtin_popcountll(same) < PACKET || !descend_packet(s, &r, same, any)) apart |= same;
         left &= ~same;
     }
+    apart |= left;
     if (__builtin_popcountll(apart) >= PACKET && near_each_other(s, &r, apart)) descend_mixed(s, &r, apart, 0, any);
-    else
-        for (; apart; apart &= apart - 1) descend(s, &r, (uint32_t)__builtin_ctzll(apart), 0, any);
+    else descend_each(s, &r, apart, 0, any);
     for (uint32_t k = 0; k < width; k++)
         witness[k] = !(fine >> k & 1) || r.triangle[k] < 0 ? SLT_WITNESS_NONE : any ? 0 : r.triangle[k];
 }

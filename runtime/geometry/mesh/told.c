@@ -23,8 +23,9 @@ static pthread_once_t once = PTHREAD_ONCE_INIT;
 
 static void release(void *p) {
     Store *s = p;
-    free(s->unit), free(s->list.data), free(s->eight.data), free(s->candidate.data), free(s->facet.data);
-    free(s->chosen.data), free(s->crossing.data), free(s->piece.data), free(s);
+    free(s->unit), free(s->list.data), free(s->near.data), free(s->found.data), free(s->candidate.data);
+    free(s->facet.data);
+    free(s->chosen.data), free(s->crossing.data), free(s->piece.data), free(s->live.data), free(s);
 }
 
 static void make_key(void) { (void)pthread_key_create(&key, release); }
@@ -129,7 +130,8 @@ static void tell_side(Search *s, Side *side, int32_t a, int32_t b, const double 
     if (!(from < to)) return;
     const uint32_t unit = side->unit + side->count++;
     if (side->count > SLT_PIECE_MAX_SIDES) return; /* told in two */
-    const double slope = hypot(g[0], g[1]), ds = side->at[1][0] - side->at[0][0], dt = side->at[1][1] - side->at[0][1];
+    const double slope = sqrt(g[0] * g[0] + g[1] * g[1]), ds = side->at[1][0] - side->at[0][0],
+                 dt = side->at[1][1] - side->at[0][1];
     const double weight = slope > 0 ? (to - from) * side->length / slope : 0;
     put_int(s, unit, SLT_SIDE_A, a), put_int(s, unit, SLT_SIDE_B, b);
     put(s, unit, SLT_SIDE_WEIGHT, g[1] * ds - g[0] * dt < 0 ? -weight : weight);
@@ -139,9 +141,9 @@ static void tell_side(Search *s, Side *side, int32_t a, int32_t b, const double 
 
 /* Narrows from and to to where the directions of the side are on q's side of p, in the plane of both. */
 static void on_side_of(const Side *side, const double p[3], const double q[3], double *from, double *to) {
-    double n[3], across[3], f[2];
-    window_cross(p, q, n);
-    window_cross(n, p, across);
+    const double pp = window_dot(p, p), pq = window_dot(p, q);
+    double across[3], f[2];
+    for (int a = 0; a < 3; a++) across[a] = q[a] * pp - p[a] * pq; /* (p x q) x p */
     for (int k = 0; k < 2; k++) f[k] = window_dot(side->d[k], across);
     if (f[0] >= 0 && f[1] >= 0) return;
     if (f[0] < 0 && f[1] < 0) {
@@ -149,8 +151,8 @@ static void on_side_of(const Side *side, const double p[3], const double q[3], d
         return;
     }
     const double at = f[0] / (f[0] - f[1]);
-    if (f[0] < 0) *from = fmax(*from, at);
-    else *to = fmin(*to, at);
+    if (f[0] < 0) *from = at > *from ? at : *from;
+    else *to = at < *to ? at : *to;
 }
 
 static void line_of(const Search *s, const double normal[3], double g[3]) {
@@ -162,7 +164,7 @@ static void line_of(const Search *s, const double normal[3], double g[3]) {
  */
 static int32_t next_end(const Search *s, const double g[3], int32_t v, const double before[3], const double here[3]) {
     const Adjacency *adjacency = s->scene->adjacency;
-    const double whole = fabs(window_dot(s->window.u, s->window.plane[0])), slope = hypot(g[0], g[1]);
+    const double whole = fabs(window_dot(s->window.u, s->window.plane[0])), slope = sqrt(g[0] * g[0] + g[1] * g[1]);
     double n[3], across[3], least = CONTINUES;
     int32_t best = -1;
     window_cross(before, here, n);
@@ -232,7 +234,8 @@ static uint32_t tell_sides(Search *s, const Polygon *p) {
         const Window *w = &s->window;
         if (p->side[k] == SIDE_FIXED) continue;
         side.at[0][0] = p->s[k], side.at[0][1] = p->t[k], side.at[1][0] = p->s[next], side.at[1][1] = p->t[next];
-        side.length = hypot(side.at[1][0] - side.at[0][0], side.at[1][1] - side.at[0][1]);
+        const double ds = side.at[1][0] - side.at[0][0], dt = side.at[1][1] - side.at[0][1];
+        side.length = sqrt(ds * ds + dt * dt);
         for (int i = 0; i < 2; i++)
             for (int a = 0; a < 3; a++) side.d[i][a] = w->c[a] + side.at[i][0] * w->u[a] + side.at[i][1] * w->v[a];
         if (p->side[k] & SIDE_CROSSING) {
@@ -257,7 +260,7 @@ static void tell_in_two(Search *s, const Polygon *p) {
         g[0] = ds, g[1] = dt, g[2] = -0.5 * (ds * (p->s[next] + p->s[k]) + dt * (p->t[next] + p->t[k]));
     }
     Polygon half[2];
-    s->scene->facets->split(p, g, SIDE_FIXED, &half[0], &half[1]);
+    cover_split(p, g, SIDE_FIXED, &half[0], &half[1]);
     for (int i = 0; i < 2; i++)
         if (half[i].n < p->n + 2) told_piece(s, &half[i]);
 }

@@ -1,6 +1,7 @@
 /* Making, following and freeing meshes; what answers which query. */
 #include "trimesh.h"
 
+#include "boxes.h"
 #include "pieces.h"
 #include "walk.h"
 
@@ -100,10 +101,17 @@ static void find(const SltGeometry *g, const void *values, const void *rays, uin
         if ((mask & ~own) >> k & 1) witness[k] = witness[like[k]];
 }
 
+static WalkMesh walk_mesh(const Trimesh *m, const void *values) {
+    return (WalkMesh){.adjacency = m->has_adjacency ? &m->adjacency : NULL,
+                      .face = m->from.faces,
+                      .vertex = values,
+                      .f64 = m->from.f64};
+}
+
 static void between(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
                     int32_t *witness) {
     const Trimesh *m = g->made;
-    const WalkMesh w = {.adjacency = &m->adjacency, .face = m->from.faces, .vertex = values, .f64 = m->from.f64};
+    const WalkMesh w = walk_mesh(m, values);
     walk_between(&w, rays, mask, width, witness);
 }
 
@@ -117,17 +125,18 @@ static void seen(const SltGeometry *g, const void *values, const void *rays, uin
     find(g, values, rays, mask, width, false, witness);
 }
 
-/* Of boxes of rays nothing is known yet. */
 static void blocked(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
                     int32_t *witness) {
-    (void)g, (void)values, (void)rays, (void)mask;
-    for (uint32_t k = 0; k < width; k++) witness[k] = SLT_RAYS_EITHER;
+    const Trimesh *m = g->made;
+    const BvhScene s = scene_of(g, values);
+    const WalkMesh w = walk_mesh(m, values);
+    boxes_decide(&s, &w, m->rays->by[m->from.f64], rays, mask, width, witness);
 }
 
 /* ---- the seam */
 
-static const uint32_t searching =
-    1u << SLT_QUERY_TRACE | 1u << SLT_QUERY_OCCLUDED | 1u << SLT_QUERY_PIECES | 1u << SLT_QUERY_SEEN;
+static const uint32_t searching = 1u << SLT_QUERY_TRACE | 1u << SLT_QUERY_OCCLUDED | 1u << SLT_QUERY_PIECES |
+                                  1u << SLT_QUERY_SEEN | 1u << SLT_QUERY_BLOCKED;
 
 static void release(SltGeometry *g) {
     Trimesh *m = (Trimesh *)g;
@@ -174,10 +183,10 @@ SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void
     if (m->has_tree) {
         m->base.shared.query[SLT_QUERY_TRACE] = trace;
         m->base.shared.query[SLT_QUERY_OCCLUDED] = occluded;
+        m->base.shared.query[SLT_QUERY_BLOCKED] = blocked;
         m->base.shared.query[SLT_QUERY_PIECES] = m->has_adjacency ? pieces : NULL;
         m->base.shared.query[SLT_QUERY_SEEN] = seen;
     }
-    m->base.shared.query[SLT_QUERY_BLOCKED] = blocked;
     m->base.shared.query[SLT_QUERY_BEGIN] = begin;
     m->base.shared.told = pieces_told;
     *out = &m->base.shared;

@@ -15,21 +15,22 @@ typedef struct Rectangle {
     double lo[2], hi[2];
 } Rectangle;
 
-/* Triangles that windows of one eye may see, eight in a row. A place without one is empty: lo > hi. */
-typedef struct Eight {
-    double normal[3][3][8];    /* [edge][axis]: d . normal is g, positive inside */
-    double depth[3][8];        /* d . depth is 1 / t */
-    double lo[2][8], hi[2][8]; /* where it lies in the window that they were listed for */
-    int32_t triangle[8];
-    uint8_t turned[8]; /* edges run from their second corner to their first for g to be positive inside */
-} Eight;
+/* A triangle that windows of one eye may see. */
+typedef struct Near {
+    double normal[3][3]; /* of each edge: d . normal is g, positive inside */
+    double depth[3];     /* d . depth is 1 / t */
+    double lo[2], hi[2]; /* where it lies in the window that it was listed for */
+    int32_t triangle;
+    bool turned; /* edges run from their second corner to their first for g to be positive inside */
+} Near;
 
-/* A triangle that a window may see. */
+/* One that the window of a lane may see. */
 typedef struct Candidate {
     double least, most; /* of 1 / t at the window's corners */
     int32_t triangle;
-    uint32_t at; /* in store->eight, eight times */
-    bool fills;  /* all of the window */
+    uint32_t near; /* its number */
+    uint8_t lane;
+    bool fills; /* all of the window */
 } Candidate;
 
 /* The same where that is not all there is to say. */
@@ -54,7 +55,7 @@ typedef struct Crossing {
 
 enum {
     CORNERS = 16, /* of a polygon, at most; one that is kept has at most KEPT */
-    KEPT = 8
+    KEPT = 12
 };
 #define ON_LINE 2e-13 /* of a window's side: nearer to a line is on it */
 #define SAME_DEPTH 1e-11
@@ -83,13 +84,13 @@ typedef struct Store {
     uint32_t n, room;
     bool lost; /* something did not fit */
     ROW(int32_t) list;
-    ROW(Eight) eight;
-    uint32_t neights; /* triangles in them */
-    ROW(Candidate) candidate;
+    ROW(Near) near;
+    ROW(Candidate) found, candidate;
     ROW(Facet) facet;
     ROW(uint32_t) chosen; /* facets of a part of the window */
     ROW(Crossing) crossing;
-    ROW(Polygon) piece;
+    ROW(Polygon) piece; /* number 0 is none */
+    ROW(uint32_t) live; /* those of the row */
 } Store;
 
 /* Room for `more`; false: there is none, which the store remembers. */
@@ -110,25 +111,33 @@ typedef struct Search {
 
 enum { LANES = 64 };
 
-/* Where windows lie in another. */
+/* Windows of lanes, rows of SltBeamRow; the corner seen from the eye. */
+typedef struct Beams {
+    double row[SLT_BEAM_ROWS][LANES];
+    uint64_t mask;
+} Beams;
+
+/* Where they lie in one of them. */
 typedef struct Places {
-    uint64_t ahead; /* of which windows that can be said */
+    uint64_t ahead; /* of which that can be said */
     double lo[2][LANES], hi[2][LANES];
 } Places;
 
-/* facets.inc.h, cover.inc.h */
+/* Windows from `base` to `last`, which are looked through together; candidates of lane k are those from first[k] on. */
+typedef struct Neighbours {
+    uint32_t base, last;
+    bool alike; /* all have the same u and v */
+    uint32_t first[LANES + 1];
+} Neighbours;
+
+/* facets.inc.h */
 typedef struct FacetSearch {
-    /* Where the windows of the lanes, rows of SltBeamRow, lie in the window. */
-    void (*place)(const Window *window, const double row[SLT_BEAM_ROWS][LANES], uint32_t width, Places *out);
-    /* Fills store->eight with the triangles in a rectangle of the window. */
+    void (*read)(Beams *b, bool f64, const void *rays, uint64_t mask, uint32_t width);
+    void (*place)(const Window *window, const Beams *b, uint32_t width, Places *out);
+    /* Fills store->near with the triangles in a rectangle of the window. */
     void (*list)(Search *s, const Window *window, const Rectangle *r);
-    /* Fills store->candidate with those of them that s->window may see, which lies in rectangle `within` of that one.
-     */
-    void (*survey)(Search *s, const Rectangle *within);
-    /* store->piece becomes what is seen in a rectangle of facets chosen[from], ..., nearest first. */
-    void (*cover)(Store *store, const Rectangle *r, uint32_t from, uint32_t n);
-    /* What lies on either side of the line g = 0; in: where it is positive. */
-    void (*split)(const Polygon *p, const double g[3], uint32_t side, Polygon *in, Polygon *out);
+    /* Fills store->candidate with those of them that the windows may see. */
+    void (*survey)(Search *s, const Beams *b, const Places *lie, Neighbours *n);
 } FacetSearch;
 
 void window_planes(Window *w);
@@ -150,6 +159,11 @@ static inline void window_vertex(const Search *s, int32_t vertex, double out[3])
             (s->f64 ? ((const double *)s->scene->values)[at + a] : (double)((const float *)s->scene->values)[at + a]) -
             s->window.eye[a];
 }
+
+/* cover.c: store->live becomes what is seen in a rectangle of facets chosen[from], ..., nearest first. */
+void cover_all(Store *store, const Rectangle *r, uint32_t from, uint32_t n);
+/* What lies on either side of the line g = 0; in: where it is positive. */
+void cover_split(const Polygon *p, const double g[3], uint32_t side, Polygon *in, Polygon *out);
 
 /* told.c */
 Store *told_store(void); /* of the thread; NULL: out of memory */

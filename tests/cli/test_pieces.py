@@ -1,0 +1,80 @@
+"""Visible pieces from the outside: what a window sees of simple meshes, pieces handed about, differences, what is not asked."""
+from harness import *
+
+# Seen from (0, 0, 2) through the window [-1, 1]^2 at z = 0: a quarter of it, its half of the depth beyond nearer.
+NEAR = "v -0.25 -0.25 1\nv 0.25 -0.25 1\nv 0.25 0.25 1\nv -0.25 0.25 1\nf 1 2 3 4\n"
+BEYOND = "v -2 -2 -2\nv 2 -2 -2\nv 2 2 -2\nv -2 2 -2\no far\nf 1 2 3 4\n"
+BOTH = NEAR + BEYOND.replace("f 1 2 3 4", "f 5 6 7 8")
+CROSSING = "v -0.6 -0.4 0.1\nv 0.5 -0.3 0.3\nv 0.1 0.6 -0.2\nv 0.0 -0.5 0.5\nv 0.6 0.4 -0.4\nv -0.4 0.5 0.2\nf 1 2 3\nf 4 5 6\n"
+WINDOW = """param float3 eye = float3(0.0, 0.0, 2.0);
+Beam window() { Beam b; b.eye = eye; b.corner = float3(-1.0, -1.0, 0.0); b.u = float3(2.0, 0.0, 0.0); b.v = float3(0.0, 2.0, 0.0); return b; }
+"""
+
+
+class Pieces(Case):
+    def program(self, body, mesh=BOTH, more=""):
+        self.put("a.obj", mesh)
+        self.put("m.salt", 'param mesh m = "a.obj";\n' + WINDOW + more + "shader float main(float2 x) { Beam b = window(); float sum = 0.0; " + body + " return sum; }\n")
+
+    def integral(self, *args):
+        return self.json_cli("grad", "m.salt", "--integral", "--samples", "64", "--precision", "f64", *args)
+
+    def sum_of(self, what, **more):
+        self.program("for (Piece q = m.first(b); q.found; q = m.next(q)) sum += %s;" % what, **more)
+        return self.integral()["integral"][0]
+
+    def test_what_is_seen(self):
+        for what, want in (("q.area", 1), ("q.part == 0 ? q.area : 0.0", 0.25), ("q.tri < 2 ? q.area : 0.0", 0.25), ("q.area * q.centre.x", 0.5), ("q.area * q.centre.y", 0.5),
+                           ("q.area * q.p.z", 0.25 - 1.5), ("q.area * q.normal.z", 1)):
+            with self.subTest(what):
+                self.assertAlmostEqual(self.sum_of(what), want, delta=1e-12)
+
+    def test_known_derivative(self):
+        """The side of the square at x = 0.25 seen at x = 0.5: dA = 0.5 / 2 * 2 dx, of the window's 2 by 2."""
+        self.sum_of("q.part == 0 ? q.area : 0.0")
+        m = self.integral()["gradient"]["m"]
+        self.assertAlmostEqual(m[1][0] + m[2][0], 0.5, delta=1e-12)
+        self.assertAlmostEqual(sum(v[0] for v in m), 0, delta=1e-12)
+        self.assertAlmostEqual(sum(v[2] for v in m[:4]), 0.5, delta=1e-12)
+
+    def test_handed_about(self):
+        loop = self.sum_of("q.area * (1.0 + q.centre.x)", mesh=CROSSING)
+        weigh = "float weigh(Piece q) { return q.area * (1.0 + q.centre.x); }\n"
+        for name, more, body in (
+            ("function", weigh, "for (Piece q = m.first(b); q.found; q = m.next(q)) sum += weigh(q);"),
+            ("while", weigh, "Piece q = m.first(b); while (q.found) { sum += weigh(q); q = m.next(q); }"),
+            ("mesh", weigh + "float all(in mesh s, Beam b) { float sum = 0.0; for (Piece q = s.first(b); q.found; q = s.next(q)) sum += weigh(q); return sum; }\n", "sum = 0.5 * all(m, b) + 0.5 * all(m, b);"),
+            ("nested", weigh, "float n = 0.0; for (Piece q = m.first(b); q.found; q = m.next(q)) { n += 1.0; for (Piece r = m.first(b); r.found; r = m.next(r)) sum += weigh(r); } sum /= n;"),
+        ):
+            with self.subTest(name):
+                self.program(body, mesh=CROSSING, more=more)
+                self.assertAlmostEqual(self.integral()["integral"][0], loop, delta=1e-12)
+                self.assertAlmostEqual(self.integral("--interpret")["integral"][0], loop, delta=1e-12)
+
+    def test_of_another_mesh(self):
+        """A piece has a next one in its own mesh alone."""
+        self.put("b.obj", NEAR)
+        self.program("for (Piece q = m.first(b); q.found; q = other.next(q)) sum += 1.0;", more='param mesh other = "b.obj";\n')
+        self.assertEqual(self.integral()["integral"][0], 1)
+
+    def test_check(self):
+        self.program("for (Piece q = m.first(b); q.found; q = m.next(q)) sum += q.area * (1.0 + q.p.z + q.normal.x * q.centre.y);", mesh=CROSSING)
+        for args in ((), ("--precision", "f64"), ("--width", "4")):
+            with self.subTest(args):
+                self.assertIn("PASS", self.run_cli("check", "m.salt", *args).out)
+
+    def test_nothing_knows_bounds(self):
+        """Nobody runs boxes through a loop over pieces, which would not end."""
+        self.program("for (Piece q = m.first(b); q.found; q = m.next(q)) sum += q.area;", mesh=CROSSING)
+        self.assertIn("no cells", self.run_cli("grad", "m.salt", "--integral", "--estimator", "quadrature").err)
+
+    def test_what_kernels_ask(self):
+        """Sides are for derivatives."""
+        self.program("for (Piece q = m.first(b); q.found; q = m.next(q)) sum += q.area;", mesh=CROSSING)
+        text = self.run_cli("explain", "m.salt").out
+        self.assertRegex(text, r"value +begin, seen")
+        self.assertRegex(text, r"vjp +begin, pieces")
+
+
+if __name__ == "__main__":
+    unittest.main()
