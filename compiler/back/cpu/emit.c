@@ -196,6 +196,9 @@ static void setup_block(Emit *e, const Block *b) {
         case OP_iparam: pointer_field(e, &e->iparams, offsetof(SltKernelArgs, iparams)); break;
         case OP_dparam: pointer_field(e, &e->dparams, offsetof(SltKernelArgs, dparams)); break;
         case OP_adj: pointer_field(e, &e->adj, offsetof(SltKernelArgs, adj)); break;
+        case OP_told:
+            if (!e->told) emit_setup_told(e, i);
+            break;
         case OP_tapemark:
         case OP_tapepush:
         case OP_revloop:

@@ -39,6 +39,7 @@ typedef struct Emit {
     LLVMTypeRef t_void, t_i1, t_i8, t_i16, t_i32, t_i64, t_ptr, t_f32, t_f64, t_flt;
     Part args, n, i; /* the arguments and the first lane's sample index (i64) */
     Part in[SLT_INPUTS], out[SLT_OUT_MAX], params, iparams, dparams, adj, tape, tape_end, tape_top /* i64 in memory */;
+    Part told; /* a pointer in memory: what queries have found */
     CullSlot cull[BACK_MAX_CULL];
     Part *mask;           /* P parts, or NULL: all lanes */
     Part *val;            /* by id * P + part */
@@ -143,6 +144,7 @@ void emit_print(Emit *e, Inst *i);
 /* ---- emit_query.c: searches along rays */
 void emit_query(Emit *e, Inst *i);
 void emit_told(Emit *e, Inst *i);
+void emit_setup_told(Emit *e, const Inst *i); /* where the kernel begins, for the first of them */
 
 /* ---- codegen.c: LLVM module -> text, object or assembly. Kinds as for back_emit; errors in *why (scratch arena). */
 typedef struct Codegen {

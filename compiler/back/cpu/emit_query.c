@@ -19,25 +19,34 @@ static Part geometry_of(Emit *e, const Inst *i) {
     return emit_load(e, e->t_ptr, emit_at_byte(e, geometries, 8ull * i->imm.query.geometry), 8, true);
 }
 
+/* Where what is told lies may change with every query that finds units. */
+static void find_told(Emit *e, Part geometry) {
+    LLVMTypeRef type = LL(FunctionType)(e->t_ptr, NULL, 0, 0);
+    Part told = emit_load(e, e->t_ptr, emit_at_byte(e, geometry, offsetof(SltGeometry, told)), 8, true);
+    emit_store(e, LL(BuildCall2)(e->b, type, told, NULL, 0, ""), e->told, 8);
+}
+
+void emit_setup_told(Emit *e, const Inst *i) {
+    e->told = emit_alloca(e, e->t_ptr, 1, 8);
+    find_told(e, geometry_of(e, i));
+}
+
 /* A number of a unit in each lane. Where it does not count, the unit may be any number. */
 void emit_told(Emit *e, Inst *i) {
     const bool whole = i->type == TY_INT, vector = emit_is_vector(e, i);
+    const uint32_t stride = e->plan.flt_bytes / (whole ? 4 : e->plan.flt_bytes); /* integers lie where numbers do */
     const unsigned size = whole ? 4 : e->plan.flt_bytes;
-    LLVMTypeRef t = whole ? e->t_i32 : e->t_flt, type = LL(FunctionType)(e->t_ptr, NULL, 0, 0),
-                unit = LL(ArrayType2)(e->t_i8, (uint64_t)SLT_TOLD * e->plan.flt_bytes);
-    Part geometry = geometry_of(e, i),
-         told = emit_load(e, e->t_ptr, emit_at_byte(e, geometry, offsetof(SltGeometry, told)), 8, true),
-         row = LL(BuildCall2)(e->b, type, told, NULL, 0, ""),
+    LLVMTypeRef t = whole ? e->t_i32 : e->t_flt;
+    Part row = emit_load(e, e->t_ptr, e->told, 8, false),
          last = emit_load(e, e->t_i32, emit_at_byte(e, row, (uint64_t)-SLT_TOLD_LAST), 4, false),
-         number = emit_at_byte(e, row, (uint64_t)i->imm.query.what * e->plan.flt_bytes), at[BACK_MAX_PARTS],
-         *out = emit_slot(e, i);
-    if (vector) emit_parts(e, i->args[0], at), last = emit_splat(e, last);
+         number = emit_at_byte(e, row, (uint64_t)i->imm.query.what * e->plan.flt_bytes),
+         units = emit_int(e, e->t_i32, SLT_TOLD * stride), at[BACK_MAX_PARTS], *out = emit_slot(e, i);
+    if (vector) emit_parts(e, i->args[0], at), last = emit_splat(e, last), units = emit_splat(e, units);
     else at[0] = emit_scalar(e, i->args[0]);
     for (uint32_t p = 0; p < (vector ? e->P : 1); p++) {
         Part both[2] = {at[p], last};
-        Part pointer = emit_gep(e, unit, number,
-                                LL(BuildZExt)(e->b, emit_intrinsic(e, "llvm.umin", LL(TypeOf)(last), both, 2),
-                                              vector ? emit_vector_type(e, e->t_i64) : e->t_i64, ""));
+        Part unit = emit_intrinsic(e, "llvm.umin", LL(TypeOf)(last), both, 2),
+             pointer = emit_gep(e, t, number, LL(BuildMul)(e->b, unit, units, ""));
         out[p] = vector ? emit_gather(e, t, pointer, size) : emit_load(e, t, pointer, size, false);
     }
 }
@@ -63,6 +72,8 @@ void emit_query(Emit *e, Inst *i) {
     Part args[6] = {geometry, values, rays, vector ? active_bits(e) : emit_i64(e, 1), emit_int(e, e->t_i32, width),
                     witnesses};
     LL(BuildCall2)(e->b, LL(FunctionType)(e->t_void, types, 6, 0), query, args, 6, "");
+    if (e->told && (query_rows[i->imm.query.what].witness == WITNESS_UNIT || i->imm.query.what == SLT_QUERY_BEGIN))
+        find_told(e, geometry);
     Part *out = emit_slot(e, i);
     LLVMTypeRef t = vector ? emit_vector_type(e, e->t_i32) : e->t_i32;
     for (uint32_t p = 0; p < (vector ? e->P : 1); p++)

@@ -11,7 +11,8 @@ typedef struct BvhScene {
     double slack;
 } BvhScene;
 
-/* The first triangle that each ray meets, or of `any` one that it meets; SLT_WITNESS_NONE. rays: as of SltQueryFn. */
+/* The first triangle that each ray meets, or of `any` 0 if it meets one; else SLT_WITNESS_NONE. rays: as of SltQueryFn.
+ */
 typedef void BvhSearch(const BvhScene *s, const void *rays, uint64_t mask, uint32_t width, bool any, int32_t *witness);
 typedef struct BvhSearches {
     const char *name;

@@ -318,13 +318,13 @@ static void block_below(const BvhScene *s, Rays *r, uint32_t k, const BvhNode *n
     go_down(s, r, k, n, hit, *in, true);
 }
 
-#include "walk.inc.h"
+#include "turns.inc.h"
 
 /* Rays from a node on, each for itself. */
 INLINE void descend_each(const BvhScene *s, Rays *r, uint64_t who, uint32_t node, bool any) {
-    if (s->bvh->nleaves > LARGE && __builtin_popcountll(who) >= WALK) {
-        if (any) walk_any(s, r, who, node);
-        else walk_first(s, r, who, node);
+    if (s->bvh->nleaves > LARGE && __builtin_popcountll(who) >= TURNS) {
+        if (any) turns_any(s, r, who, node);
+        else turns_first(s, r, who, node);
         return;
     }
     const BvhNode *n = &s->bvh->node[node];

@@ -1,14 +1,14 @@
 /* Rays each for itself, in turns: rays.inc.h includes this behind its tests of single rays. Where a tree is larger than
  * the caches a ray waits for memory at every node. So all rays that are at nodes are tested against their boxes,
  * without a decision in between, and memory serves many at once; then each ray decides where it goes. */
-#define Walk FN(BvhWalk)
+#define Turns FN(BvhTurns)
 #define next_waiting FN(next_waiting)
 #define choose FN(choose)
-#define walk FN(walk)
-#define walk_any FN(walk_any)
-#define walk_first FN(walk_first)
+#define in_turns FN(in_turns)
+#define turns_any FN(turns_any)
+#define turns_first FN(turns_first)
 
-typedef struct Walk {
+typedef struct Turns {
     struct {
         float enter;
         int32_t child;
@@ -17,10 +17,10 @@ typedef struct Walk {
     int32_t at[RAYS];
     float enter[RAYS][BVH_WIDTH] __attribute__((aligned(64)));
     uint8_t pass[RAYS];
-} Walk;
+} Turns;
 
 /* Ray k goes to what waits on top and may still be met. False: nothing waits. */
-INLINE bool next_waiting(Walk *w, const Rays *r, uint32_t k, bool any) {
+INLINE bool next_waiting(Turns *w, const Rays *r, uint32_t k, bool any) {
     do {
         if (!w->depth[k]) return false;
         w->depth[k]--;
@@ -30,7 +30,7 @@ INLINE bool next_waiting(Walk *w, const Rays *r, uint32_t k, bool any) {
 }
 
 /* Ray k goes to the nearest child that it has met; the others wait, the nearest of them on top. */
-INLINE void choose(const BvhScene *s, Walk *w, uint32_t k, bool any) {
+INLINE void choose(const BvhScene *s, Turns *w, uint32_t k, bool any) {
     const BvhNode *n = &s->bvh->node[w->at[k]];
     const float *enter = w->enter[k];
     uint32_t hit = w->pass[k], i = (uint32_t)__builtin_ctz(hit), depth = w->depth[k], bottom = depth;
@@ -54,8 +54,8 @@ INLINE void choose(const BvhScene *s, Walk *w, uint32_t k, bool any) {
     w->at[k] = at, w->depth[k] = depth;
 }
 
-INLINE void walk(const BvhScene *s, Rays *r, uint64_t who, uint32_t node, bool any) {
-    Walk w;
+INLINE void in_turns(const BvhScene *s, Rays *r, uint64_t who, uint32_t node, bool any) {
+    Turns w;
     for (uint64_t left = who; left; left &= left - 1) {
         const uint32_t k = (uint32_t)__builtin_ctzll(left);
         w.at[k] = (int32_t)node, w.depth[k] = 0;
@@ -81,6 +81,6 @@ INLINE void walk(const BvhScene *s, Rays *r, uint64_t who, uint32_t node, bool a
     }
 }
 
-static void walk_first(const BvhScene *s, Rays *r, uint64_t who, uint32_t node) { walk(s, r, who, node, false); }
+static void turns_first(const BvhScene *s, Rays *r, uint64_t who, uint32_t node) { in_turns(s, r, who, node, false); }
 
-static void walk_any(const BvhScene *s, Rays *r, uint64_t who, uint32_t node) { walk(s, r, who, node, true); }
+static void turns_any(const BvhScene *s, Rays *r, uint64_t who, uint32_t node) { in_turns(s, r, who, node, true); }
