@@ -1,23 +1,10 @@
-/* Triangles that windows may see, eight at a time. Include behind lanes.h.
+/* Triangles that windows may see, eight at a time. Include behind beams.inc.h.
  *
  * What is listed for several windows of one eye does not decide what one of them sees: `survey` asks each triangle
  * again, by arithmetic of the window alone. */
-typedef D8 Wide __attribute__((aligned(8)));
 typedef float Narrow __attribute__((vector_size(32), aligned(4)));
 
-/* NaN is left out. */
-INLINE void keep_min(D8 *a, const D8 *b) { *a = lower_D8(*b, *a); }
-INLINE void keep_max(D8 *a, const D8 *b) { *a = higher_D8(*b, *a); }
-
 #define BESIDE 1e-9 /* by which what lies where is widened */
-
-INLINE void dot8(const D8 a[3], const double b[3], D8 *out) { *out = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-INLINE void size_of(const D8 *x, D8 *size) {
-    D8 negative = -*x;
-    *size = *x;
-    keep_max(size, &negative);
-}
 
 /* A plane through the eye; what is not on its positive side by more than `slack` is outside. */
 typedef struct Plane {
@@ -84,6 +71,7 @@ INLINE void corners_of(const Search *s, const double eye[3], const int32_t *tria
 /* What eight triangles are, before those that are not in the rectangle are left out. */
 typedef struct Columns {
     double normal[3][3][8], depth[3][8], lo[2][8], hi[2][8];
+    double along[2][4][8]; /* normals and depth times u and v of the window */
 } Columns;
 
 static void make_columns(const Search *s, const Window *w, const Rectangle *r, const int32_t *triangle, uint32_t n,
@@ -129,8 +117,16 @@ static void make_columns(const Search *s, const Window *w, const Rectangle *r, c
     *in &= bits_D8(good), *turned = bits_D8(back);
     const D8 inverse = 1 / det;
     for (int a = 0; a < 3; a++) {
-        *(Wide *)out->depth[a] = sum[a] * inverse;
-        for (int k = 0; k < 3; k++) *(Wide *)out->normal[k][a] = (D8)((L8)normal[k][a] ^ (back & INT64_MIN));
+        *(Wide *)out->depth[a] = sum[a] *= inverse;
+        for (int k = 0; k < 3; k++)
+            *(Wide *)out->normal[k][a] = normal[k][a] = (D8)((L8)normal[k][a] ^ (back & INT64_MIN));
+    }
+    for (int k = 0; k < 4; k++) {
+        D8 at;
+        dot8(k < 3 ? normal[k] : sum, w->u, &at);
+        *(Wide *)out->along[0][k] = at;
+        dot8(k < 3 ? normal[k] : sum, w->v, &at);
+        *(Wide *)out->along[1][k] = at;
     }
     for (int i = 0; i < 2; i++) *(Wide *)out->lo[i] = lo[i], *(Wide *)out->hi[i] = hi[i];
 }
@@ -150,7 +146,10 @@ static void add_eight(Search *s, const Window *w, const Rectangle *r, const int3
             to->depth[a] = c.depth[a][i];
             for (int k = 0; k < 3; k++) to->normal[k][a] = c.normal[k][a][i];
         }
-        for (int a = 0; a < 2; a++) to->lo[a] = c.lo[a][i], to->hi[a] = c.hi[a][i];
+        for (int a = 0; a < 2; a++) {
+            to->lo[a] = c.lo[a][i], to->hi[a] = c.hi[a][i];
+            for (int k = 0; k < 4; k++) to->along[a][k] = c.along[a][k][i];
+        }
         to->triangle = triangle[i], to->turned = turned >> i & 1;
     }
 }
@@ -174,63 +173,10 @@ static void list(Search *s, const Window *w, const Rectangle *r) {
         add_eight(s, w, r, store->list.data + i, store->list.n - i < 8 ? store->list.n - i : 8);
 }
 
-static void read(Beams *b, bool f64, const void *rays, uint64_t mask, uint32_t width) {
-    const uint32_t padded = (width + 7) / 8 * 8;
-    b->mask = width < LANES ? mask & ((1ull << width) - 1) : mask;
-    for (uint32_t k = 0; k < SLT_BEAM_ROWS; k++) {
-        double *to = b->row[k];
-        if (f64) memcpy(to, (const double *)rays + (size_t)k * width, width * sizeof *to);
-        else
-            for (uint32_t i = 0; i < width; i++) to[i] = (double)((const float *)rays)[(size_t)k * width + i];
-        for (uint32_t i = width; i < padded; i++) to[i] = 0;
-    }
-    for (uint32_t i = 0; i < width; i += 8) {
-        L8 good = ~(L8){0};
-        for (uint32_t k = 0; k < SLT_BEAM_ROWS; k++) {
-            const D8 at = *(const Wide *)&b->row[k][i];
-            good &= (at <= 1e30) & (at >= -1e30);
-        }
-        for (uint32_t a = 0; a < 3; a++)
-            *(Wide *)&b->row[SLT_BEAM_CORNER + a][i] -= *(const Wide *)&b->row[SLT_BEAM_EYE + a][i];
-        b->mask &= ~((uint64_t)(~bits_D8(good) & 255) << i);
-    }
-}
-
-static void place(const Window *w, const Beams *b, uint32_t width, Places *out) {
-    out->ahead = 0;
-    for (uint32_t k = 0; k < width; k += 8) {
-        D8 u[3], v[3], c[3], at[3][4];
-        L8 ahead = ~(L8){0};
-        for (int a = 0; a < 3; a++) {
-            ahead &= *(const Wide *)&b->row[SLT_BEAM_EYE + a][k] == w->eye[a];
-            c[a] = *(const Wide *)&b->row[SLT_BEAM_CORNER + a][k];
-            u[a] = *(const Wide *)&b->row[SLT_BEAM_U + a][k], v[a] = *(const Wide *)&b->row[SLT_BEAM_V + a][k];
-        }
-        for (int i = 0; i < 3; i++) {
-            D8 first, s, t;
-            dot8(c, w->plane[i], &first), dot8(u, w->plane[i], &s), dot8(v, w->plane[i], &t);
-            at[i][0] = first, at[i][1] = first + s, at[i][2] = first + t, at[i][3] = first + s + t;
-        }
-        for (int q = 0; q < 4; q++) {
-            const D8 inverse = 1 / at[2][q];
-            ahead &= at[2][q] > 0;
-            for (int i = 0; i < 2; i++) at[i][q] *= inverse;
-        }
-        for (int i = 0; i < 2; i++) {
-            D8 lo = at[i][0], hi = lo;
-            for (int q = 1; q < 4; q++) keep_min(&lo, &at[i][q]), keep_max(&hi, &at[i][q]);
-            *(Wide *)&out->lo[i][k] = lo, *(Wide *)&out->hi[i][k] = hi;
-        }
-        out->ahead |= (uint64_t)bits_D8(ahead) << k;
-    }
-}
-
 /* What a linear function of the direction is at the corners of windows with equal u and v, less what it is at the
  * first: the least and the most. Adding rounds alike whichever of them is added, so this is the least of the sums. */
-INLINE void spread_of(const double n[3], const Beams *b, uint32_t lane, double spread[2]) {
-    double u[3], v[3];
-    for (int a = 0; a < 3; a++) u[a] = b->row[SLT_BEAM_U + a][lane], v[a] = b->row[SLT_BEAM_V + a][lane];
-    const double s = window_dot(n, u), t = window_dot(n, v), at[4] = {0, s, t, s + t};
+INLINE void spread_of(double s, double t, double spread[2]) {
+    const double at[4] = {0, s, t, s + t};
     spread[0] = spread[1] = 0;
     for (int q = 1; q < 4; q++) {
         spread[0] = at[q] < spread[0] ? at[q] : spread[0];
@@ -301,8 +247,7 @@ static void survey(Search *s, const Beams *b, const Places *lie, Neighbours *gro
     for (uint32_t i = 0; i < store->near.n; i++) {
         const Near *t = &store->near.data[i];
         double spread[4][2] = {{0}};
-        for (int e = 0; e < 4 && group->alike; e++)
-            spread_of(e < 3 ? t->normal[e] : t->depth, b, group->base, spread[e]);
+        for (int e = 0; e < 4 && group->alike; e++) spread_of(t->along[0][e], t->along[1][e], spread[e]);
         if (!window_room(store, &store->found.data, store->found.n, &store->found.room, LANES,
                          sizeof *store->found.data))
             return;

@@ -6,7 +6,11 @@
 
 #if defined(__AVX2__)
 #include "lanes.h"
+#include "beams.inc.h"
+
+#include "cover.inc.h"
 #include "facets.inc.h"
 
-const FacetSearch facets_avx2 = {.read = read, .place = place, .list = list, .survey = survey};
+const FacetSearch facets_avx2 = {
+    .read = read, .place = place, .list = list, .survey = survey, .cover = cover_all, .split = split};
 #endif

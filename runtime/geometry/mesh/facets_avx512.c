@@ -6,7 +6,11 @@
 
 #if defined(__AVX512DQ__)
 #include "lanes.h"
+#include "beams.inc.h"
+
+#include "cover.inc.h"
 #include "facets.inc.h"
 
-const FacetSearch facets_avx512 = {.read = read, .place = place, .list = list, .survey = survey};
+const FacetSearch facets_avx512 = {
+    .read = read, .place = place, .list = list, .survey = survey, .cover = cover_all, .split = split};
 #endif

@@ -5,6 +5,10 @@
 #include "window.h"
 
 #include "lanes.h"
+#include "beams.inc.h"
+
+#include "cover.inc.h"
 #include "facets.inc.h"
 
-const FacetSearch facets_plain = {.read = read, .place = place, .list = list, .survey = survey};
+const FacetSearch facets_plain = {
+    .read = read, .place = place, .list = list, .survey = survey, .cover = cover_all, .split = split};

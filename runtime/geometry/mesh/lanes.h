@@ -35,6 +35,14 @@ INLINE uint32_t bits_D8(L8 m) {
         __m256d half[2];
     } x = {.all = m};
     return (uint32_t)_mm256_movemask_pd(x.half[0]) | (uint32_t)_mm256_movemask_pd(x.half[1]) << 4;
+#elif defined(__SSE2__)
+    const union {
+        L8 all;
+        __m128d part[4];
+    } x = {.all = m};
+    uint32_t all = 0;
+    for (int k = 0; k < 4; k++) all |= (uint32_t)_mm_movemask_pd(x.part[k]) << 2 * k;
+    return all;
 #else
     uint32_t all = 0;
     for (int k = 0; k < 8; k++) all |= (uint32_t)(m[k] & 1) << k;

@@ -9,10 +9,7 @@
 #include "saltus/query.h"
 #include "window.h"
 
-enum {
-    FEW = 48,     /* facets in a part of a window that is not halved */
-    HALVINGS = 40 /* at most */
-};
+enum { HALVINGS = 40 }; /* at most */
 #define SPARSE 4.0 /* times the area of windows is what is looked through for them together, at most */
 
 /* ---- windows */
@@ -38,33 +35,8 @@ static bool window_set(Window *w, const Beams *b, uint32_t lane) {
     return whole != 0 && isfinite(whole);
 }
 
-/* Borders of windows and of their parts do not move, so an edge that lies on the border of two moves in neither: a
- * square whose corners are those of pixels. Windows are put aside, all alike, by more than what counts as on a line and
- * than rounding moves their corners by, less than anyone measures in that precision; and parts are no halves. */
-#define ASIDE_S 7.3e-13
-#define ASIDE_T 5.9e-13
-#define ASIDE_MOST 0x1p-14
+/* Parts of windows are no halves, as windows are put aside (beams.inc.h). */
 #define PART 0.48171 /* of a window, in its first part */
-
-/* Of a side of the window, from its size as seen from the eye. */
-static double aside(const Beams *b, uint32_t side, uint32_t lane, bool f64, double least) {
-    double far = 0, size = 0;
-    for (uint32_t a = 0; a < 3; a++) {
-        const double c = fabs(b->row[SLT_BEAM_CORNER + a][lane]), u = fabs(b->row[side + a][lane]);
-        far = c > far ? c : far, size = u > size ? u : size;
-    }
-    double rounding = (f64 ? 0x1p-51 : 0x1p-22) * far;
-    return rounding < ASIDE_MOST * size ? least + rounding / size : ASIDE_MOST;
-}
-
-static void put_aside(Beams *b, bool f64) {
-    for (uint32_t k = 0; k < LANES; k++) {
-        if (!(b->mask >> k & 1)) continue;
-        const double s = aside(b, SLT_BEAM_U, k, f64, ASIDE_S), t = aside(b, SLT_BEAM_V, k, f64, ASIDE_T);
-        for (uint32_t a = 0; a < 3; a++)
-            b->row[SLT_BEAM_CORNER + a][k] += s * b->row[SLT_BEAM_U + a][k] + t * b->row[SLT_BEAM_V + a][k];
-    }
-}
 
 static double area_of(const Rectangle *r) { return (r->hi[0] - r->lo[0]) * (r->hi[1] - r->lo[1]); }
 
@@ -77,7 +49,7 @@ static int nearest_first(const void *x, const void *y) {
 }
 
 static void sort(Candidate *c, uint32_t n) {
-    if (n > FEW) {
+    if (n > FEW_FACETS) {
         qsort(c, n, sizeof *c, nearest_first);
         return;
     }
@@ -94,7 +66,9 @@ static void facet_of(const Search *s, const Candidate *c, Facet *f) {
     for (int k = 0; k < 4; k++) {
         const double *n = k < 3 ? near->normal[k] : near->depth;
         double *to = k < 3 ? f->g[k] : f->depth;
-        to[0] = window_dot(n, s->window.u), to[1] = window_dot(n, s->window.v), to[2] = window_dot(n, s->window.c);
+        to[0] = s->alike ? near->along[0][k] : window_dot(n, s->window.u);
+        to[1] = s->alike ? near->along[1][k] : window_dot(n, s->window.v);
+        to[2] = window_dot(n, s->window.c);
     }
     f->most = c->most, f->triangle = c->triangle, f->turned = near->turned;
 }
@@ -145,8 +119,8 @@ static bool meets(const Facet *f, const Rectangle *r, double *most, double *leas
 /* Facets chosen[from], ..., in order, may be seen in the rectangle. */
 static void look(Search *s, uint32_t from, uint32_t n, const Rectangle *r, int halvings) {
     Store *store = s->store;
-    if (n <= FEW || halvings == HALVINGS) {
-        cover_all(store, r, from, n);
+    if (n <= FEW_FACETS || halvings == HALVINGS) {
+        s->scene->facets->cover(store, r, from, n);
         for (uint32_t i = 0; i < store->live.n; i++) {
             const Polygon *p = &store->piece.data[store->live.data[i]];
             if (p->n && p->facet >= 0) told_piece(s, p);
@@ -195,8 +169,8 @@ static void look_through(Search *s, Candidate *c, uint32_t n) {
         facet_of(s, &c[i], &store->facet.data[store->facet.n++]);
         store->chosen.data[store->chosen.n++] = i;
     }
-    if (n > FEW || s->scene->adjacency) window_planes(&s->window);
-    if (n > FEW) locate(s);
+    if (n > FEW_FACETS || s->scene->adjacency) window_planes(&s->window);
+    if (n > FEW_FACETS) locate(s);
     look(s, 0, n, &(Rectangle){{0, 0}, {1, 1}}, 0);
 }
 
@@ -231,7 +205,6 @@ bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint3
     if (!s.store || !s.store->n) return false;
     s.store->lost = false;
     scene->facets->read(&beams, s.f64, rays, mask, width);
-    put_aside(&beams, s.f64);
     while (beams.mask) {
         const uint32_t base = (uint32_t)__builtin_ctzll(beams.mask);
         Window window;
@@ -244,6 +217,7 @@ bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint3
         neighbours(&beams, base, width, &lie, &all, &group);
         scene->facets->list(&s, &window, &all);
         scene->facets->survey(&s, &beams, &lie, &group);
+        s.alike = group.alike;
         for (uint32_t k = base; k <= group.last; k++) {
             const uint32_t n = group.first[k + 1] - group.first[k];
             s.first = s.last = 0;

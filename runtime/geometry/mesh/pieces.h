@@ -9,7 +9,7 @@
  * eye too.
  *
  *   windows -> those near each other, one way through the tree -> facets.inc.h, triangles in each window
- *           -> parts of the window with few triangles, depth first -> cover.c, polygons of each -> told.c
+ *           -> parts of the window with few triangles, depth first -> cover.inc.h, polygons of each -> told.c
  *
  * What is told lies in the thread's store, a row of units of 8 numbers of the mesh's precision, which kernels read: a
  * piece, its sides behind it (saltus/mesh.h). Unit 0 is no piece. The store is emptied by SLT_QUERY_BEGIN. */

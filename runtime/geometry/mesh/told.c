@@ -273,7 +273,7 @@ static void tell_in_two(Search *s, const Polygon *p) {
         g[0] = ds, g[1] = dt, g[2] = -0.5 * (ds * (p->s[next] + p->s[k]) + dt * (p->t[next] + p->t[k]));
     }
     Polygon half[2];
-    cover_split(p, g, SIDE_FIXED, &half[0], &half[1]);
+    s->scene->facets->split(p, g, SIDE_FIXED, &half[0], &half[1]);
     for (int i = 0; i < 2; i++)
         if (half[i].n < p->n + 2) told_piece(s, &half[i]);
 }

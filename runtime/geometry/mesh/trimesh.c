@@ -73,12 +73,21 @@ static void begin(const SltGeometry *g, const void *values, const void *rays, ui
     for (uint32_t k = 0; k < width; k++) witness[k] = 0;
 }
 
-/* A call is padded with copies of a sample, and a window may be that of all of them. */
+/* A call is padded with copies of a sample, and a window may be that of all of them. Corners first: they differ. */
 static bool same_beam(const void *rays, bool f64, uint32_t width, uint32_t a, uint32_t b) {
-    const size_t size = f64 ? sizeof(double) : sizeof(float);
-    for (size_t row = 0; row < SLT_BEAM_ROWS; row++) {
-        const char *at = (const char *)rays + row * width * size;
-        if (memcmp(at + a * size, at + b * size, size) != 0) return false;
+    for (size_t k = 0; k < SLT_BEAM_ROWS; k++) {
+        const size_t row = (k + SLT_BEAM_CORNER) % SLT_BEAM_ROWS * width;
+        uint64_t wide[2];
+        uint32_t narrow[2];
+        if (f64) {
+            memcpy(&wide[0], (const double *)rays + row + a, sizeof wide[0]);
+            memcpy(&wide[1], (const double *)rays + row + b, sizeof wide[1]);
+            if (wide[0] != wide[1]) return false;
+        } else {
+            memcpy(&narrow[0], (const float *)rays + row + a, sizeof narrow[0]);
+            memcpy(&narrow[1], (const float *)rays + row + b, sizeof narrow[1]);
+            if (narrow[0] != narrow[1]) return false;
+        }
     }
     return true;
 }

@@ -20,6 +20,7 @@ typedef struct Near {
     double normal[3][3]; /* of each edge: d . normal is g, positive inside */
     double depth[3];     /* d . depth is 1 / t */
     double lo[2], hi[2]; /* where it lies in the window that it was listed for */
+    double along[2][4];  /* normals and depth times that window's u and v */
     int32_t triangle;
     bool turned; /* edges run from their second corner to their first for g to be positive inside */
 } Near;
@@ -54,7 +55,8 @@ typedef struct Crossing {
 #define SIDE_CROSSING 0x80000000u
 
 enum {
-    CORNERS = 16, /* of a polygon, at most; one that is kept has at most KEPT */
+    FEW_FACETS = 48, /* facets in a part of a window that is not halved */
+    CORNERS = 16,    /* of a polygon, at most; one that is kept has at most KEPT */
     KEPT = 12
 };
 #define ON_LINE 2e-13 /* of a window's side: nearer to a line is on it */
@@ -106,6 +108,7 @@ typedef struct Search {
     Store *store;
     bool f64;
     Window window;
+    bool alike;           /* its u and v are those of the window that was listed for */
     uint32_t first, last; /* units of pieces; 0: none yet */
 } Search;
 
@@ -130,14 +133,19 @@ typedef struct Neighbours {
     uint32_t first[LANES + 1];
 } Neighbours;
 
-/* facets.inc.h */
+/* beams.inc.h, facets.inc.h, cover.inc.h */
 typedef struct FacetSearch {
+    /* Windows as the search takes them. */
     void (*read)(Beams *b, bool f64, const void *rays, uint64_t mask, uint32_t width);
     void (*place)(const Window *window, const Beams *b, uint32_t width, Places *out);
     /* Fills store->near with the triangles in a rectangle of the window. */
     void (*list)(Search *s, const Window *window, const Rectangle *r);
     /* Fills store->candidate with those of them that the windows may see. */
     void (*survey)(Search *s, const Beams *b, const Places *lie, Neighbours *n);
+    /* store->live becomes what is seen in a rectangle of facets chosen[from], ..., nearest first. */
+    void (*cover)(Store *store, const Rectangle *r, uint32_t from, uint32_t n);
+    /* What lies on either side of the line g = 0; in: where it is positive. */
+    void (*split)(const Polygon *p, const double g[3], uint32_t side, Polygon *in, Polygon *out);
 } FacetSearch;
 
 void window_planes(Window *w);
@@ -159,11 +167,6 @@ static inline void window_vertex(const Search *s, int32_t vertex, double out[3])
             (s->f64 ? ((const double *)s->scene->values)[at + a] : (double)((const float *)s->scene->values)[at + a]) -
             s->window.eye[a];
 }
-
-/* cover.c: store->live becomes what is seen in a rectangle of facets chosen[from], ..., nearest first. */
-void cover_all(Store *store, const Rectangle *r, uint32_t from, uint32_t n);
-/* What lies on either side of the line g = 0; in: where it is positive. */
-void cover_split(const Polygon *p, const double g[3], uint32_t side, Polygon *in, Polygon *out);
 
 /* told.c */
 Store *told_store(void); /* of the thread; NULL: out of memory */
