@@ -39,13 +39,8 @@ static SltStatus need_image(const SltJob *j, const char *what, SltError *err) {
     return status_fail(err, SLT_USAGE, "%s needs an image, not an integral", what);
 }
 
-/* One sample tells all of a pixel. */
-static bool is_told(const SltScene *s, const SltJob *j) {
-    return s->pixelwise && !slt_estimate_by_differences(j->estimator);
-}
-
 bool slt_estimate_has_choice(const SltScene *s, const SltJob *j) {
-    return j->estimator == SLT_EST_AUTO && !is_told(s, j) && quadrature_hopes(s, j);
+    return j->estimator == SLT_EST_AUTO && !s->pixelwise && quadrature_hopes(s, j);
 }
 
 SltEstimator slt_estimate_choose(const SltScene *s, const SltJob *j, SltStats *stats) {
@@ -55,9 +50,10 @@ SltEstimator slt_estimate_choose(const SltScene *s, const SltJob *j, SltStats *s
 
 /* The job with an estimator that the scene has the kernels for; `own` is room for it. */
 static const SltJob *settle(const SltScene *s, const SltJob *j, SltJob *own, SltStats *stats) {
-    if (is_told(s, j)) {
+    if (s->pixelwise) { /* one sample tells all of a pixel */
         *own = *j;
-        own->estimator = SLT_EST_LATTICE, own->interior = SLT_INTERIOR_SAMPLES;
+        if (!slt_estimate_by_differences(j->estimator)) own->estimator = SLT_EST_LATTICE;
+        own->interior = SLT_INTERIOR_SAMPLES;
         own->samples = own->replicates = own->spp = 1, own->centred = true;
         return own;
     }
@@ -83,7 +79,7 @@ SltStatus slt_estimate_render(const SltScene *s, const SltJob *j, int half, floa
                               SltError *err) {
     Run r;
     SltJob own;
-    if (j->estimator == SLT_EST_QUADRATURE || j->interior == SLT_INTERIOR_QUADRATURE || is_told(s, j))
+    if (j->estimator == SLT_EST_QUADRATURE || j->interior == SLT_INTERIOR_QUADRATURE || s->pixelwise)
         j = settle(s, j, &own, stats);
     bool cells = half == 0 && j->interior != SLT_INTERIOR_SAMPLES && !(j->centred && !j->integral);
     if (j->estimator == SLT_EST_QUADRATURE && cells)
@@ -183,7 +179,7 @@ static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const 
                          double *gradient, double *stderr_bound, SltStats *stats, SltError *err) {
     bool halves = adjoint[0] != adjoint[1];
     Run r;
-    uint32_t classes = stderr_bound && !is_told(s, j) ? COSETS : 1;
+    uint32_t classes = stderr_bound && !s->pixelwise ? COSETS : 1;
     double *part[COSETS] = {0}, *missed = NULL, *smooth = NULL; /* smooth: without the boundary term */
     float *mean = NULL, *noise = NULL;
     uint8_t *starved = NULL;
@@ -645,13 +641,14 @@ static SltStatus integral_once(const SltScene *s, const SltJob *job, SltIntegral
 
 SltStatus slt_estimate_integral(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats,
                                 SltError *err) {
-    SltJob copy = *job;
+    SltJob copy = *job, told;
     SltStats own = SLT_STATS_INIT;
     SltEstimator by;
     copy.integral = true;
     for (uint64_t i = 0; i < (uint64_t)s->channels * s->nfloats && out->left_bound; i++)
         out->left_bound[i] = NAN; /* cells prove more */
-    if (slt_estimate_by_differences(copy.estimator)) return difference_integral(s, &copy, out, stats, err);
+    if (slt_estimate_by_differences(copy.estimator))
+        return difference_integral(s, settle(s, &copy, &told, stats), out, stats, err);
     SltStatus st = integral_once(s, &copy, out, &by, &own, err);
     if (st == SLT_OK) st = onesided_add(s, &copy, by, out, &own, err);
     stats_add(stats, &own);
