@@ -239,11 +239,13 @@ PARTS = {
 
 
 def compose(path, panels):
-    """One picture of several, two beside each other."""
+    """One picture of several, two beside each other: as groups, since not every viewer places pictures in pictures."""
+    ground = '<rect width="100%" height="100%" fill="white"/>\n'
     with open(path, "w") as f:
-        f.write('<svg xmlns="http://www.w3.org/2000/svg" width="1040" height="%d">\n' % (340 * ((len(panels) + 1) // 2)))
+        f.write('<svg xmlns="http://www.w3.org/2000/svg" width="1040" height="%d">\n%s' % (340 * ((len(panels) + 1) // 2), ground))
         for i, p in enumerate(panels):
-            f.write(p.replace("<svg ", '<svg x="%d" y="%d" ' % (520 * (i % 2), 340 * (i // 2)), 1))
+            inner = p.replace(ground, "").partition("\n")[2].replace("</svg>", "</g>")
+            f.write('<g transform="translate(%d,%d)" font-family="sans-serif" font-size="11">\n%s' % (520 * (i % 2), 340 * (i // 2), inner))
         f.write("</svg>\n")
 
 
