@@ -55,6 +55,28 @@ class Pixelwise(Case):
         self.assertEqual(self.get("box.pfm"), self.get("tent.pfm"))
         self.assertEqual(self.get("box.pfm"), self.get("gaussian.pfm"))
 
+    def test_differences(self):
+        """Moved parameters, too, need one sample each: two of either step for each of three numbers, and one as they are."""
+        self.put("s.salt", ROWS)
+        j = self.json_cli("grad", "s.salt", "--integral", "--precision", "f64", "--estimator", "fd")
+        self.assertEqual(j["evaluations"], 13)
+        self.assertAlmostEqual(j["gradient"]["a"], 0.6, places=9)
+        self.run_cli("render", "s.salt", "--size", "8x6", "--param", "a=0.9", "-o", "t.pfm")
+        one, many = (self.json_cli("grad", "s.salt", "--target", "t.pfm", "--size", "8x6", "--estimator", "fd", "--spp", n) for n in ("1", "16"))
+        self.assertEqual(one["gradient"], many["gradient"])
+        self.assertAlmostEqual(one["gradient"]["a"], 2 * (0.09 - 0.81) * 0.6, places=3)
+
+    def test_bench(self):
+        """A curve of one point, without an error; differences have theirs, and nobody else is asked."""
+        self.put("s.salt", ROWS)
+        j = self.json_cli("bench", "s.salt", "--repeats", "2", "--precision", "f64", "-o", "out")
+        self.assertEqual(set(j["curves"]), {"lattice", "fd"})
+        (exact,), (fd,) = j["curves"]["lattice"], j["curves"]["fd"]
+        self.assertEqual((exact["samples"], exact["error"], fd["samples"]), (1, 0, 1))
+        self.assertLess(fd["error"], 1e-8)
+        self.assertIn("scanline", j["skipped"])
+        self.assertNotIn(b"nan", self.get("out/bench.svg"))
+
 
 if __name__ == "__main__":
     unittest.main()
