@@ -382,20 +382,22 @@ static void want_exact_numbers(Lower *l, const Symbol *sym) {
 
 /* ---- normals that bend with the surface */
 
-enum { HIT_HIT = 0, HIT_P = 2, HIT_FACE = 12 }; /* among the parts of a MeshHit */
+enum { HIT_P = 2, HIT_FACE = 12, PIECE_P = 4, PIECE_TRI = 10 }; /* among the parts of a MeshHit, of a Piece */
 
 /* Normals of the corners, weighted by the areas that p cuts the triangle into. */
 static Val smooth_normal(Lower *l, Expr *e, const Symbol *sym) {
+    bool piece = e->method == M_MESH_SMOOTH_PIECE;
     Val v = val_new(l, e->type), hit = gen_expr(l, e->args[0]);
-    Inst *found = op2(l, OP_band, hit.c[HIT_HIT], op2(l, OP_ile, ki(l, 0), hit.c[HIT_FACE])),
-         *tri = triangle_in(l, sym, hit.c[HIT_FACE]), *sum[3] = {kf(l, 0), kf(l, 0), kf(l, 0)};
+    Inst *const *at = hit.c + (piece ? PIECE_P : HIT_P), *face = hit.c[piece ? PIECE_TRI : HIT_FACE],
+                *found = op2(l, OP_band, hit.c[0], op2(l, OP_ile, ki(l, 0), face)), *tri = triangle_in(l, sym, face),
+                *sum[3] = {kf(l, 0), kf(l, 0), kf(l, 0)};
     Vec3 corner[3], from[3], p, q, across, part, normal;
     corners(l, sym, tri, corner);
     minus(l, corner[1], corner[0], p);
     minus(l, corner[2], corner[0], q);
     cross(l, p, q, across);
     Inst *whole = dot_n(l, across, across, 3), *real = op2(l, OP_fne, whole, kf(l, 0));
-    for (int k = 0; k < 3; k++) minus(l, corner[k], hit.c + HIT_P, from[k]);
+    for (int k = 0; k < 3; k++) minus(l, corner[k], at, from[k]);
     for (uint32_t k = 0; k < 3; k++) {
         cross(l, from[(k + 1) % 3], from[(k + 2) % 3], part);
         Inst *area = op2(l, OP_fdiv, dot_n(l, part, across, 3), sel(l, real, whole, kf(l, 1)));
@@ -417,7 +419,7 @@ Val gen_mesh(Lower *l, Expr *e, const Symbol *sym) {
     }
     if (e->method == M_MESH_FIRST) return first(l, e, sym);
     if (e->method == M_MESH_NEXT) return next(l, e, sym);
-    if (e->method == M_MESH_SMOOTH) return smooth_normal(l, e, sym);
+    if (e->method == M_MESH_SMOOTH || e->method == M_MESH_SMOOTH_PIECE) return smooth_normal(l, e, sym);
     if (e->method == M_MESH_IRRADIANCE || e->method == M_MESH_LTC) return gen_mesh_light(l, e, sym);
     Val o = gen_expr(l, e->args[0]), d = gen_expr(l, e->args[1]);
     Inst *t0 = gen_scalar(l, e->args[2]), *t1 = gen_scalar(l, e->args[3]);
