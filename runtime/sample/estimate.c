@@ -41,7 +41,7 @@ static SltStatus need_image(const SltJob *j, const char *what, SltError *err) {
 
 /* One sample tells all of a pixel. Of an integral cells know the same, and more, where the program has bounds. */
 static bool is_told(const SltScene *s, const SltJob *j) {
-    return s->pixelwise && (s->boundless || !j->integral);
+    return s->pixelwise && (s->boundless || !j->integral || slt_estimate_by_differences(j->estimator));
 }
 
 bool slt_estimate_has_choice(const SltScene *s, const SltJob *j) {

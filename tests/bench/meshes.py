@@ -227,7 +227,7 @@ def scene_fit(saltus, name, folder):
                 if ended or seconds > EACH:
                     break
             curves[label] = [(t, e) for _, t, e in curve]
-            at = lambda n: next(("%.1e" % e for i, _, e in curve if i == n), "")
+            at = lambda n: next(("%.1e" % e if e else "0" for i, _, e in curve if i == n), "")
             table[label] = [at(8), at(32), "%.1e after %d%s, %.3g s" % (curve[-1][2], curve[-1][0], ended, curve[-1][1])]
     return curves, table
 

@@ -72,7 +72,8 @@ class Pixelwise(Case):
         j = self.json_cli("bench", "s.salt", "--repeats", "2", "--precision", "f64", "-o", "out")
         self.assertEqual(set(j["curves"]), {"lattice", "fd"})
         (exact,), (fd,) = j["curves"]["lattice"], j["curves"]["fd"]
-        self.assertEqual((exact["samples"], exact["error"], fd["samples"]), (1, 0, 1))
+        self.assertEqual(fd["samples"], 1)
+        self.assertLess(exact["error"], 1e-14)
         self.assertLess(fd["error"], 1e-8)
         self.assertIn("scanline", j["skipped"])
         self.assertNotIn(b"nan", self.get("out/bench.svg"))
