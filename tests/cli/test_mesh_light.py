@@ -135,6 +135,27 @@ class MeshLight(Case):
         self.put("t.salt", "float f(AreaLight l) { return l.u.x + l.corner.y + l.v.z; } shader float main(float2 x) { AreaLight l = {float3(1.0), float3(2.0), float3(3.0)}; return f(l); }")
         self.assertAlmostEqual(self.json_cli("grad", "t.salt", "--integral", "--precision", "f64")["integral"][0], 6, places=12)
 
+    def test_placed_vertices(self):
+        """Derivatives go through what places vertices, for both, against differences."""
+        cube = "".join("v %g %g %g\n" % (x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)) + "f 1 2 4 3\nf 5 7 8 6\nf 1 5 6 2\nf 3 4 8 7\nf 1 3 7 5\nf 2 6 8 4\n"
+        self.put("cube.obj", cube)
+        for what in "m.irradiance(p, n, l)", "m.ltc(p, n, float3(0.48, 0.36, 0.8), 0.4, l)":
+            self.put("s.salt", """[Vertex(place)] param mesh m = "cube.obj";
+                param float a = 0.3;
+                float3 place(int i, float3 p, int part) { return float3(p.x + a * p.z, p.y, p.z); }
+                shader float main(float2 x) {
+                    AreaLight l = { float3(-1.9, 1.7, 1.2), float3(3.1, 0.1, 0.05), float3(0.07, -2.9, 0.1) };
+                    float3 p = float3(0.31, 0.12, -1.9), n = float3(0.0, 0.28, 0.96);
+                    return %s;
+                }""" % what)
+            run = lambda *a: self.json_cli("grad", "s.salt", "--integral", "--precision", "f64", "--samples", "1", *a)
+            gradient = run()["gradient"]
+            for name, got, at in (("a", gradient["a"], 0.3), ("m[0].z", gradient["m"][0][2], -0.5)):
+                value = lambda d: run("--param", "%s=%r" % (name, at + d))["integral"][0]
+                want = (8 * (value(1e-3) - value(-1e-3)) - (value(2e-3) - value(-2e-3))) / 12e-3
+                self.assertGreater(abs(want), 1e-3)
+                self.assertAlmostEqual(got, want, delta=1e-8, msg=(what, name))
+
 
 if __name__ == "__main__":
     unittest.main()

@@ -427,7 +427,7 @@ Val gen_mesh(Lower *l, Expr *e, const Symbol *sym) {
     /* The first point says what the jump depends on; kernels that do not ask for it get the cheaper OCCLUDED
      * (opt_hits). */
     First f = first_of(l, sym, &r, &o, &d);
-    bool traces = e->method == M_MESH_TRACE, disc = traces ? site_wanted(l, f.id, f.met.t, e->span, JUMP_ALWAYS)
+    bool traces = e->method == M_MESH_TRACE, disc = traces ? site_wanted(l, f.id, f.met.t, e->span, JUMP_TRACE)
                                                            : site_wanted(l, f.hit, f.met.t, e->span, JUMP_BUILTIN);
     Inst *hit = f.hit, *hit_face = hit, *hit_uv = hit;
     if (disc) {

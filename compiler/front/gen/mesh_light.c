@@ -28,7 +28,7 @@ static Inst *of_vertices(Lower *l, const Symbol *sym, uint32_t geometry, Inst *a
         for (uint32_t a = 0; a < 3; a++)
             var_set(l, sum,
                     add(l, var_get(l, sum), told(l, geometry, (k ? SLT_LIGHT_D_B : SLT_LIGHT_D_A) + a, unit, TY_FLT),
-                        param_float(l, sym, a, at, 3 * (sym->nvertices - 1))));
+                        slice_float(l, gen_placed(l, sym) + a, at, 3 * (sym->nvertices - 1))));
     }
     loop_end(l, &c, op2(l, OP_ilt, c.k, op2(l, OP_isub, units, ki(l, 1))));
     if_else(l, &some);
