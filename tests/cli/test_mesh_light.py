@@ -152,7 +152,7 @@ class MeshLight(Case):
             gradient = run()["gradient"]
             for name, got, at in (("a", gradient["a"], 0.3), ("m[0].z", gradient["m"][0][2], -0.5)):
                 value = lambda d: run("--param", "%s=%r" % (name, at + d))["integral"][0]
-                want = (8 * (value(1e-3) - value(-1e-3)) - (value(2e-3) - value(-2e-3))) / 12e-3
+                want = (8 * (value(2e-4) - value(-2e-4)) - (value(4e-4) - value(-4e-4))) / 24e-4
                 self.assertGreater(abs(want), 1e-3)
                 self.assertAlmostEqual(got, want, delta=1e-8, msg=(what, name))
 

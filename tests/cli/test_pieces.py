@@ -27,7 +27,7 @@ class Pieces(Case):
         for what, want in (("q.area", 1), ("q.part == 0 ? q.area : 0.0", 0.25), ("q.tri < 2 ? q.area : 0.0", 0.25), ("q.area * q.centre.x", 0.5), ("q.area * q.centre.y", 0.5),
                            ("q.area * q.p.z", 0.25 - 1.5), ("q.area * q.normal.z", 1)):
             with self.subTest(what):
-                self.assertAlmostEqual(self.sum_of(what), want, delta=1e-12)
+                self.assertAlmostEqual(self.sum_of(what), want, delta=1e-11)  # windows are put aside by 7e-13, and this floor ends at their border
 
     def test_known_derivative(self):
         """The side of the square at x = 0.25 seen at x = 0.5: dA = 0.5 / 2 * 2 dx, of the window's 2 by 2."""
