@@ -148,19 +148,20 @@ static void set_rows(const View *view, SltQuery what, uint32_t x, uint32_t y, ui
     for (uint32_t k = 0; k < lanes && what == SLT_QUERY_TRACE; k++) row[6 * lanes + k] = 0, row[7 * lanes + k] = 1e30f;
 }
 
+/* A line of pixels at a time: what it looks through is not timed. */
 static Count ask(const SltGeometry *g, const Model *m, const View *view, SltQuery what) {
     Count best = {.seconds = HUGE_VAL};
-    const uint32_t lanes = view->size < LANES ? view->size : LANES;
+    const uint32_t lanes = view->size < LANES ? view->size : LANES, calls = view->size / lanes;
+    float(*row)[SLT_BEAM_ROWS * LANES] = or_die(malloc(calls * sizeof *row));
     for (int round = 0; round < ROUNDS; round++) {
         Count now_ = {0};
-        const double start = now();
-        for (uint32_t y = 0; y < view->size; y++)
-            for (uint32_t x = 0; x + lanes <= view->size; x += lanes) {
-                float row[SLT_BEAM_ROWS * LANES];
+        for (uint32_t y = 0; y < view->size; y++) {
+            for (uint32_t i = 0; i < calls; i++) set_rows(view, what, i * lanes, y, lanes, row[i]);
+            const double start = now();
+            for (uint32_t i = 0; i < calls; i++) {
                 int32_t witness[LANES];
-                set_rows(view, what, x, y, lanes, row);
                 if (what != SLT_QUERY_TRACE) g->query[SLT_QUERY_BEGIN](g, m->at, NULL, 1, 1, witness);
-                g->query[what](g, m->at, row, lanes == 32 ? UINT32_MAX : 1, lanes, witness);
+                g->query[what](g, m->at, row[i], lanes == 32 ? UINT32_MAX : 1, lanes, witness);
                 const float *told = g->told();
                 for (uint32_t k = 0; k < lanes; k++) {
                     if (what == SLT_QUERY_TRACE) now_.covered += witness[k] >= 0;
@@ -171,9 +172,11 @@ static Count ask(const SltGeometry *g, const Model *m, const View *view, SltQuer
                         }
                 }
             }
-        now_.seconds = now() - start;
+            now_.seconds += now() - start;
+        }
         if (now_.seconds < best.seconds) best = now_;
     }
+    free(row);
     return best;
 }
 

@@ -28,19 +28,32 @@ INLINE void signs(const Polygon *p, const double g[3], double d[CORNERS], uint32
     *plus &= all, *minus &= all;
 }
 
-/* A corner on the line is of both; a new one is the same in both. out: may be NULL. */
-INLINE void part(const Polygon *p, const double d[CORNERS], uint32_t side, Polygon *in, Polygon *out) {
-    in->n = 0, in->facet = p->facet, in->least = p->least;
-    if (out) out->n = 0, out->facet = p->facet, out->least = p->least;
-    for (uint32_t k = 0; k < p->n; k++) {
-        const uint32_t next = k + 1 < p->n ? k + 1 : 0;
-        if (d[k] >= 0) add_corner(in, p->s[k], p->t[k], d[k] == 0 && d[next] < 0 ? side : p->side[k]);
-        if (out && d[k] <= 0) add_corner(out, p->s[k], p->t[k], d[k] == 0 && d[next] > 0 ? side : p->side[k]);
-        if (!(d[k] * d[next] < 0)) continue;
-        const double at = d[k] / (d[k] - d[next]), s = p->s[k] + at * (p->s[next] - p->s[k]),
-                     t = p->t[k] + at * (p->t[next] - p->t[k]);
-        add_corner(in, s, t, d[k] > 0 ? side : p->side[k]);
-        if (out) add_corner(out, s, t, d[k] < 0 ? side : p->side[k]);
+/* Where the line passes from corner k to the next. */
+INLINE void add_crossing(const Polygon *p, const double d[CORNERS], uint32_t k, uint32_t next, uint32_t side,
+                         Polygon *to) {
+    const double at = d[k] / (d[k] - d[next]);
+    add_corner(to, p->s[k] + at * (p->s[next] - p->s[k]), p->t[k] + at * (p->t[next] - p->t[k]), side);
+}
+
+/* What a line leaves of p, less the corners `off`, of which there are some but not all. They are in a row, p being
+ * convex; where rounding has bent it by more than ON_LINE, less than that is lost. */
+INLINE void rest_of(const Polygon *p, const double d[CORNERS], uint32_t off, uint32_t side, Polygon *to) {
+    const uint32_t n = p->n, kept = ((1u << n) - 1) & ~off,
+                   first = (uint32_t)__builtin_ctz(kept & (off << 1 | off >> (n - 1))),
+                   before = first ? first - 1 : n - 1;
+    uint32_t k = first;
+    to->n = 0, to->facet = p->facet, to->least = p->least;
+    if (d[first] != 0) add_crossing(p, d, before, first, p->side[before], to);
+    for (;;) {
+        const uint32_t next = k + 1 < n ? k + 1 : 0;
+        if (off >> next & 1) {
+            const bool on = d[k] == 0;
+            add_corner(to, p->s[k], p->t[k], on ? side : p->side[k]);
+            if (!on) add_crossing(p, d, k, next, side, to);
+            return;
+        }
+        add_corner(to, p->s[k], p->t[k], p->side[k]);
+        k = next;
     }
 }
 
@@ -49,7 +62,7 @@ static void split(const Polygon *p, const double g[3], uint32_t side, Polygon *i
     uint32_t plus, minus;
     signs(p, g, d, &plus, &minus);
     in->n = out->n = 0;
-    if (plus && minus) part(p, d, side, in, out);
+    if (plus && minus) rest_of(p, d, minus, side, in), rest_of(p, d, plus, side, out);
     else *(plus ? in : out) = *p;
 }
 
@@ -122,7 +135,8 @@ static void cover(Store *store, uint32_t which, uint32_t number) {
         if (at != start) signs(&piece[at], f->g[k], d[k], &plus[k], &minus[k]);
         if (!plus[k]) return;
         if (!minus[k]) continue;
-        part(&piece[at], d[k], SIDE_OF(number, k), &piece[used], &piece[used + 1]);
+        rest_of(&piece[at], d[k], minus[k], SIDE_OF(number, k), &piece[used]);
+        rest_of(&piece[at], d[k], plus[k], SIDE_OF(number, k), &piece[used + 1]);
         if (piece[used].n < 3) return;
         at = used, rest[nrest++] = used + 1, used += 2;
     }
@@ -155,9 +169,16 @@ static void set_rectangle(Polygon *p, const Rectangle *r) {
         add_corner(p, k == 1 || k == 2 ? r->hi[0] : r->lo[0], k >= 2 ? r->hi[1] : r->lo[1], SIDE_FIXED);
 }
 
-/* ---- facets beside each other */
+/* ---- what does not cross */
 
 #define COVERED 1e-12 /* of a rectangle may be left of it that counts as covered */
+
+static double area_of(const Polygon *p) {
+    double twice = 0;
+    for (uint32_t k = 1; k + 1 < p->n; k++)
+        twice += (p->s[k] - p->s[0]) * (p->t[k + 1] - p->t[0]) - (p->t[k] - p->t[0]) * (p->s[k + 1] - p->s[0]);
+    return 0.5 * twice;
+}
 
 /* The part of p in the facet: p itself, one of two places, or NULL, none. */
 static const Polygon *clip(const Polygon *p, const Facet *f, uint32_t number, Polygon room[2]) {
@@ -167,7 +188,7 @@ static const Polygon *clip(const Polygon *p, const Facet *f, uint32_t number, Po
         signs(p, f->g[k], d, &plus, &minus);
         if (!plus) return NULL;
         if (!minus) continue;
-        part(p, d, SIDE_OF(number, k), &room[into], NULL);
+        rest_of(p, d, minus, SIDE_OF(number, k), &room[into]);
         p = &room[into], into = !into;
         if (p->n < 3) return NULL;
     }
@@ -185,66 +206,97 @@ INLINE bool parted(const Polygon *p, const Facet *f) {
     return false;
 }
 
-static double area_of(const Polygon *p) {
-    double twice = 0;
-    for (uint32_t k = 1; k + 1 < p->n; k++)
-        twice += (p->s[k] - p->s[0]) * (p->t[k + 1] - p->t[0]) - (p->t[k] - p->t[0]) * (p->s[k + 1] - p->s[0]);
-    return 0.5 * twice;
+/* Puts what is left of live[which] without a facet in its place and behind the row. False: out of memory. */
+static bool take_out(Store *store, uint32_t which, uint32_t number) {
+    if (!places(store, MOST_PLACES)) return false;
+    const Facet *f = &store->facet.data[number];
+    double d[CORNERS];
+    uint32_t plus, minus, at = store->live.data[which];
+    if (parted(&store->piece.data[at], f)) return true;
+    store->live.data[which] = 0; /* which is nothing */
+    for (uint32_t k = 0; k < 3; k++) {
+        const Polygon *p = &store->piece.data[at];
+        signs(p, f->g[k], d, &plus, &minus);
+        if (!minus) continue;
+        if (!plus) {
+            keep(store, at);
+            return true;
+        }
+        Polygon *in = &store->piece.data[store->piece.n];
+        rest_of(p, d, minus, SIDE_OF(number, k), in), rest_of(p, d, plus, SIDE_OF(number, k), in + 1);
+        at = store->piece.n, store->piece.n += 2;
+        keep(store, at + 1);
+    }
+    return true;
 }
 
-/* What most windows see is one sheet: facets that a line parts from each other, pair by pair, and behind them, where
- * they leave nothing of the rectangle free, what is farther than all of them. Then each is cut from the rectangle at
- * once. False: it is not so; facets that are not in the rectangle have been left out. */
-static bool cover_with_sheet(Store *store, const Rectangle *r, uint32_t from, uint32_t *n) {
-    uint32_t *chosen = store->chosen.data + from, kept = 0, k = 0;
+/* Facets nearest first, each cut from the rectangle at once, less what is in front of it. False: some cross, or out of
+ * memory; facets that are not in the rectangle have been left out. */
+static bool cover_plainly(const Search *s, const Rectangle *r, uint32_t from, uint32_t *n) {
+    Store *store = s->store;
+    uint32_t *chosen = store->chosen.data + from, kept = 0;
     const double whole = (r->hi[0] - r->lo[0]) * (r->hi[1] - r->lo[1]) * (1 - COVERED);
-    double least = HUGE_VAL, behind = -HUGE_VAL, area = 0;
-    bool sheet = true;
+    double least = HUGE_VAL;
     Polygon rectangle, room[2];
     set_rectangle(&rectangle, r);
-    for (; k < *n && sheet; k++) {
-        const Facet *f = &store->facet.data[chosen[k]];
-        if (area >= whole && f->most <= least) break;
-        const Polygon *p = clip(&rectangle, f, chosen[k], room);
+    for (uint32_t k = 0; k < *n; k++) {
+        const uint32_t number = chosen[k], row = store->live.n;
+        if (s->candidate[number].most <= least) {
+            double area = 0;
+            for (uint32_t i = 0; i < row; i++) area += area_of(&store->piece.data[store->live.data[i]]);
+            if (area >= whole) break;
+        }
+        if (!places(store, 4)) return false;
+        window_facets(s, number + 1);
+        const Facet *f = &store->facet.data[number];
+        Polygon *own = &store->piece.data[store->piece.n];
+        const Polygon *p = clip(&rectangle, f, number, own);
         if (!p) continue;
-        chosen[kept++] = chosen[k];
-        double near = -HUGE_VAL, far = HUGE_VAL;
-        for (uint32_t c = 0; c < p->n; c++) {
-            const double d = window_at(f->depth, p->s[c], p->t[c]);
-            near = d > near ? d : near, far = d < far ? d : far;
-        }
-        bool apart = true;
-        for (uint32_t i = 0; i < store->live.n && apart; i++) {
+        if (p == &rectangle) *own = rectangle, p = own;
+        chosen[kept++] = number;
+        const uint32_t place = (uint32_t)(p - store->piece.data);
+        store->piece.n += 2;
+        take(&store->piece.data[place], f, number);
+        least = p->least < least ? p->least : least;
+        store->live.data[store->live.n++] = place;
+        for (uint32_t i = 0; i < row; i++) {
             const Polygon *other = &store->piece.data[store->live.data[i]];
-            apart = parted(other, f) || parted(p, &store->facet.data[other->facet]);
-        }
-        if (apart) {
-            Polygon *own = &store->piece.data[store->piece.n];
-            *own = *p, own->facet = (int32_t)chosen[kept - 1];
-            store->live.data[store->live.n++] = store->piece.n++;
-            least = far < least ? far : least, area += area_of(p);
-        } else {
-            behind = near > behind ? near : behind;
-            sheet = behind <= least;
+            if (!other->n || parted(other, f)) continue;
+            const uint32_t its = (uint32_t)other->facet;
+            const Polygon *both = parted(&store->piece.data[place], &store->facet.data[its])
+                                      ? NULL
+                                      : clip(&store->piece.data[place], &store->facet.data[its], its, room);
+            if (!both) continue;
+            bool front, behind;
+            compare(both, f, &store->facet.data[its], &front, &behind);
+            if (front && behind) {
+                for (k++; k < *n; k++) chosen[kept++] = chosen[k];
+                *n = kept;
+                return false;
+            }
+            if (front && !take_out(store, i, number)) return false;
+            for (uint32_t j = row, end = store->live.n; !front && j < end; j++) {
+                const Polygon *rest = &store->piece.data[store->live.data[j]];
+                if (rest->n && rest->facet == (int32_t)number && !take_out(store, j, its)) return false;
+            }
         }
     }
-    if (sheet && (behind == -HUGE_VAL || (behind <= least && area >= whole))) return true;
-    for (; k < *n; k++) chosen[kept++] = chosen[k];
-    *n = kept;
-    return false;
+    return true;
 }
 
-static void cover_all(Store *store, const Rectangle *r, uint32_t from, uint32_t n) {
+static void cover_all(Search *s, const Rectangle *r, uint32_t from, uint32_t n) {
+    Store *store = s->store;
     store->piece.n = store->live.n = store->crossing.n = 0;
     if (!places(store, n + 2)) return;
     store->piece.data[0].n = 0, store->piece.n = 1;
-    if (n <= FEW_FACETS && cover_with_sheet(store, r, from, &n)) return;
+    if (n <= FEW_FACETS && cover_plainly(s, r, from, &n)) return;
     set_rectangle(&store->piece.data[1], r);
     store->piece.n = 2, store->live.n = 0;
     store->live.data[store->live.n++] = 1;
     for (uint32_t k = 0; k < n; k++) {
         const uint32_t pieces = store->live.n;
         if (!places(store, MOST_PLACES * pieces)) return;
+        window_facets(s, store->chosen.data[from + k] + 1);
         for (uint32_t i = 0; i < pieces; i++)
             if (store->live.data[i]) cover(store, i, store->chosen.data[from + k]);
     }

@@ -61,18 +61,6 @@ static void sort(Candidate *c, uint32_t n) {
     }
 }
 
-static void facet_of(const Search *s, const Candidate *c, Facet *f) {
-    const Near *near = &s->store->near.data[c->near];
-    for (int k = 0; k < 4; k++) {
-        const double *n = k < 3 ? near->normal[k] : near->depth;
-        double *to = k < 3 ? f->g[k] : f->depth;
-        to[0] = s->alike ? near->along[0][k] : window_dot(n, s->window.u);
-        to[1] = s->alike ? near->along[1][k] : window_dot(n, s->window.v);
-        to[2] = window_dot(n, s->window.c);
-    }
-    f->most = c->most, f->triangle = c->triangle, f->turned = near->turned;
-}
-
 /* Where each facet lies, before a window is halved. */
 static void locate(Search *s) {
     for (uint32_t i = 0; i < s->store->facet.n; i++) {
@@ -120,7 +108,7 @@ static bool meets(const Facet *f, const Rectangle *r, double *most, double *leas
 static void look(Search *s, uint32_t from, uint32_t n, const Rectangle *r, int halvings) {
     Store *store = s->store;
     if (n <= FEW_FACETS || halvings == HALVINGS) {
-        s->scene->facets->cover(store, r, from, n);
+        s->scene->facets->cover(s, r, from, n);
         for (uint32_t i = 0; i < store->live.n; i++) {
             const Polygon *p = &store->piece.data[store->live.data[i]];
             if (p->n && p->facet >= 0) told_piece(s, p);
@@ -165,12 +153,13 @@ static void look_through(Search *s, Candidate *c, uint32_t n) {
         !window_room(store, &store->chosen.data, 0, &store->chosen.room, n, sizeof *store->chosen.data))
         return;
     sort(c, n);
-    for (uint32_t i = 0; i < n; i++) {
-        facet_of(s, &c[i], &store->facet.data[store->facet.n++]);
-        store->chosen.data[store->chosen.n++] = i;
-    }
+    s->candidate = c;
+    for (uint32_t i = 0; i < n; i++) store->chosen.data[store->chosen.n++] = i;
     if (n > FEW_FACETS || s->scene->adjacency) window_planes(&s->window);
-    if (n > FEW_FACETS) locate(s);
+    if (n > FEW_FACETS) {
+        window_facets(s, n);
+        locate(s);
+    }
     look(s, 0, n, &(Rectangle){{0, 0}, {1, 1}}, 0);
 }
 

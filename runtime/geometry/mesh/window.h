@@ -108,8 +108,9 @@ typedef struct Search {
     Store *store;
     bool f64;
     Window window;
-    bool alike;           /* its u and v are those of the window that was listed for */
-    uint32_t first, last; /* units of pieces; 0: none yet */
+    const Candidate *candidate; /* what it may see, nearest first */
+    bool alike;                 /* its u and v are those of the window that was listed for */
+    uint32_t first, last;       /* units of pieces; 0: none yet */
 } Search;
 
 enum { LANES = 64 };
@@ -143,7 +144,7 @@ typedef struct FacetSearch {
     /* Fills store->candidate with those of them that the windows may see. */
     void (*survey)(Search *s, const Beams *b, const Places *lie, Neighbours *n);
     /* store->live becomes what is seen in a rectangle of facets chosen[from], ..., nearest first. */
-    void (*cover)(Store *store, const Rectangle *r, uint32_t from, uint32_t n);
+    void (*cover)(Search *s, const Rectangle *r, uint32_t from, uint32_t n);
     /* What lies on either side of the line g = 0; in: where it is positive. */
     void (*split)(const Polygon *p, const double g[3], uint32_t side, Polygon *in, Polygon *out);
 } FacetSearch;
@@ -166,6 +167,24 @@ static inline void window_vertex(const Search *s, int32_t vertex, double out[3])
         out[a] =
             (s->f64 ? ((const double *)s->scene->values)[at + a] : (double)((const float *)s->scene->values)[at + a]) -
             s->window.eye[a];
+}
+
+/* Makes facets of the first n candidates; some may be there. */
+static inline void window_facets(const Search *s, uint32_t n) {
+    Store *store = s->store;
+    for (; store->facet.n < n; store->facet.n++) {
+        const Candidate *c = &s->candidate[store->facet.n];
+        const Near *near = &store->near.data[c->near];
+        Facet *f = &store->facet.data[store->facet.n];
+        for (int k = 0; k < 4; k++) {
+            const double *normal = k < 3 ? near->normal[k] : near->depth;
+            double *to = k < 3 ? f->g[k] : f->depth;
+            to[0] = s->alike ? near->along[0][k] : window_dot(normal, s->window.u);
+            to[1] = s->alike ? near->along[1][k] : window_dot(normal, s->window.v);
+            to[2] = window_dot(normal, s->window.c);
+        }
+        f->most = c->most, f->triangle = c->triangle, f->turned = near->turned;
+    }
 }
 
 /* told.c */
