@@ -84,6 +84,26 @@ class Pieces(Case):
             for a, b in zip(got, want):
                 self.assertAlmostEqual(a, b, delta=1e-12)
 
+    def test_edges_on_borders(self):
+        """A square whose corners are those of pixels, and a floor behind it: borders of pixels do not move, and its edges must in one of two."""
+        square = lambda a, z: "".join("v %g %g %g\n" % (x * a, y * a, z) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
+        self.put("two.obj", "g floor\n" + square(3, -0.001) + "f 1 2 3 4\ng square\n" + square(1, 0) + "f 5 6 7 8\n")
+        self.put("s.salt", """param float size = 0.5;
+            float3 grown(int i, float3 p, int part) { return part == 0 ? p : float3(p.xy * size, p.z); }
+            [Vertex(grown)] [NoDiff] param mesh two = "two.obj";
+            shader float main(float2 x) {
+                float2 n = float2(resolution()), at = float2(pixel());
+                Beam b = { float3(0.0, 0.0, 1e3), float3(-1.0 + 2.0 * at.x / n.x, 1.0 - 2.0 * (at.y + 1.0) / n.y, 0.0), float3(2.0 / n.x, 0.0, 0.0), float3(0.0, 2.0 / n.y, 0.0) };
+                float sum = 0.0;
+                for (Piece q = two.first(b); q.found; q = two.next(q)) sum += q.area * (q.part == 0 ? 0.25 : 1.0);
+                return sum;
+            }""")
+        for n in 1, 4, 12, 100:
+            self.put("one.pfm", write_pfm(n, n, 1, [1 / (n * n)] * (n * n)))
+            for precision, close in ("f32", 1e-6), ("f64", 1e-7):
+                j = self.json_cli("grad", "s.salt", "--adjoint", "one.pfm", "--size", str(n), "--precision", precision)
+                self.assertAlmostEqual(j["gradient"]["size"], 0.75, delta=close, msg=(n, precision))
+
 
 if __name__ == "__main__":
     unittest.main()
