@@ -13,6 +13,7 @@
 #include <sys/stat.h>
 #include <time.h>
 
+#include "bindings/c/api.h"
 #include "cli/bench.h"
 #include "runtime/base/text.h"
 
@@ -340,7 +341,9 @@ static int bench(Bench *b) {
     b->reference = cli_need(calloc(b->size + 1, sizeof *b->reference));
     b->g = cli_need(calloc(b->size + 1, sizeof *b->g));
     b->stated = cli_need(calloc(b->size + 1, sizeof *b->stated));
-    uint64_t largest = c->job.samples, smallest = largest >> 10 > 256 ? largest >> 10 : 256;
+    /* One sample tells all of a shader that is one number all over a pixel: a curve is a point then. */
+    bool told = b->p->scene.pixelwise;
+    uint64_t largest = told ? 1 : c->job.samples, smallest = told ? 1 : largest >> 10 > 256 ? largest >> 10 : 256;
     uint32_t active = 0;
     for (uint32_t i = 0; i < slt_float_count(b->p); i++) active += slt_wrt_mask(b->p)[i];
     Progress pr;
@@ -358,6 +361,10 @@ static int bench(Bench *b) {
         }
         if (e == SLT_EST_FD && active > 64 && !c->estimators) {
             k->skipped = "more than 64 parameter components; name it with --estimators to run it all the same";
+            continue;
+        }
+        if (told && e != SLT_EST_LATTICE && e != SLT_EST_FD) {
+            k->skipped = "one sample tells all: it is the lattice's";
             continue;
         }
         if (slt_uses_rand(b->p) && e == SLT_EST_LATTICE)

@@ -207,6 +207,7 @@ static void compile_body(Session *s, void *arg) {
     start = now_ms();
     pipeline_primal(&p->passes, prog->primal);
     p->scene.pixelwise = !prog->uses_rand && !reads_sample(prog->primal->body);
+    p->scene.boundless = !pipeline_has_bounds(prog->primal->body);
     api_derived_lower(p);
     p->ms_passes = now_ms() - start;
 }

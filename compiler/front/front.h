@@ -50,6 +50,7 @@ typedef enum JumpKind {
     JUMP_EQUALITY, /* == or !=: jumps only where it holds on an area */
     JUMP_BUILTIN,
     JUMP_ALWAYS,  /* a value that jumps and cannot be a site */
+    JUMP_TRACE,   /* likewise a value that jumps, which [Disc] makes a site of */
     JUMP_INTEGER, /* a comparison of integers under [Disc], which jumps where they do */
     JUMP_SKIPPED  /* of one iteration, under [SkipLoop]: tagged, and no site by itself; opt_skips.c */
 } JumpKind;

@@ -5,7 +5,16 @@
 
 #include "saltus/query.h"
 
-typedef enum QueryRay { RAY_SEGMENT, RAY_SLICE, RAY_BOX, RAY_BEAM, RAY_PAIR, RAY_NOTHING } QueryRay;
+typedef enum QueryRay {
+    RAY_SEGMENT,
+    RAY_SLICE,
+    RAY_BOX,
+    RAY_BEAM,
+    RAY_PAIR,
+    RAY_LIGHT,
+    RAY_LOBE,
+    RAY_NOTHING
+} QueryRay;
 typedef enum QueryWitness { WITNESS_FACE, WITNESS_EDGE, WITNESS_FOUND, WITNESS_RAYS, WITNESS_UNIT } QueryWitness;
 typedef enum QueryEvaluation { EVALUATE_NOTHING, EVALUATE_HIT, EVALUATE_NEAREST, EVALUATE_PEAK } QueryEvaluation;
 typedef enum QueryWhen { WEAKER_NEVER, WEAKER_FOUND, WEAKER_SIGN, WEAKER_SIDES } QueryWhen;

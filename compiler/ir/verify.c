@@ -184,6 +184,8 @@ static bool is_ray(QueryRay ray, uint32_t n) {
     case RAY_BOX: return n == SLT_BOX_ROWS;
     case RAY_BEAM: return n == SLT_BEAM_ROWS + 1;
     case RAY_PAIR: return n == SLT_PAIR_ROWS;
+    case RAY_LIGHT: return n == SLT_LIGHT_ROWS + 1;
+    case RAY_LOBE: return n == SLT_LOBE_ROWS + 1;
     case RAY_NOTHING: return n == 0;
     case RAY_SEGMENT:
     case RAY_SLICE: break;

@@ -155,6 +155,8 @@ typedef struct KernelSet {
 } KernelSet;
 /* What a finished kernel reads and where its outputs are. */
 SltLayout pipeline_layout(const Fn *fn);
+/* Of what is seen through windows nothing is known of boxes, least of all how many pieces loops go over. */
+bool pipeline_has_bounds(const Block *primal);
 /* Everything between the front end and the back end. needs[kind]: which kernels are wanted; those that the program has
  * no use for stay NULL (no site: no boundary kernel). */
 void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const VariantOptions *vo,

@@ -147,14 +147,13 @@ static void edge_kernels(PassCtx *ctx, const Fn *parts, Fn **edge, Fn **bounds) 
     if (edge) *edge = NULL;
 }
 
-/* Of what is seen through windows nothing is known of boxes, least of all how many pieces loops go over. */
-static bool sees_pieces(const Block *b) {
+bool pipeline_has_bounds(const Block *b) {
     for (const Inst *i = b->first; i; i = i->next) {
-        if (i->op == OP_told) return true;
+        if (i->op == OP_told) return false;
         for (uint32_t r = 0; r < i->nregions; r++)
-            if (sees_pieces(i->region[r])) return true;
+            if (!pipeline_has_bounds(i->region[r])) return false;
     }
-    return false;
+    return true;
 }
 
 /* bounds, edge, edge_bounds and written_bounds, which know seams too. */
@@ -169,7 +168,7 @@ static void box_kernels(PassCtx *ctx, const Fn *primal, const Fn *chunks, const 
     if (chunks && (seamed->nsites != primal->nsites || has_custom(primal->body))) chunks = NULL;
     out->chunked = chunks != NULL;
     if (!chunks) variant_waves(ctx, seamed);
-    if (sees_pieces(primal->body)) return;
+    if (!pipeline_has_bounds(primal->body)) return;
     if (needs[K_BOUNDS]) out->fn[K_BOUNDS] = variant_bounds(ctx, chunks ? chunks : seamed);
     Fn **edge = needs[K_EDGE] ? &out->fn[K_EDGE] : NULL;
     Fn **edge_bounds = needs[K_EDGE_BOUNDS] ? &out->fn[K_EDGE_BOUNDS] : NULL;

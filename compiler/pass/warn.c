@@ -338,6 +338,9 @@ static void tell_others(const Warn *w) {
     }
 }
 
+/* It jumps wherever it changes: no probe is needed. */
+static bool is_always(JumpKind kind) { return kind == JUMP_ALWAYS || kind == JUMP_TRACE; }
+
 static void report_untracked(Warn *w) {
     const Program *program = w->ctx->program;
     uint32_t n = program->nuntracked;
@@ -360,7 +363,7 @@ static void report_untracked(Warn *w) {
         Depend d = {0};
         if (t->g0) depend_merge(&d, &w->dep[t->g0->id]);
         if (t->g1) depend_merge(&d, &w->dep[t->g1->id]);
-        if (t->kind == JUMP_ALWAYS) depend_merge(&d, &w->dep[t->at->id]);
+        if (is_always(t->kind)) depend_merge(&d, &w->dep[t->at->id]);
         if (t->kind == JUMP_EQUALITY && !(d.on & DEPENDS_PIECES)) continue; /* the equality holds on a curve at most */
         if (!(d.on & DEPENDS_PARAM) || !(program->of_elements || d.on & (DEPENDS_X | DEPENDS_RAND)) ||
             both_sides_equal(w, t, &uses[i]))
@@ -379,13 +382,13 @@ static void report_untracked(Warn *w) {
     bool *shows = ARENA_ARRAY(w->scratch, bool, asked + 1);
     uint32_t probed = 0;
     for (uint32_t i = 0; i < asked; i++)
-        if (ask[i]->kind != JUMP_ALWAYS) probe[probed++] = ask[i];
+        if (!is_always(ask[i]->kind)) probe[probed++] = ask[i];
     warn_probe(w->ctx, w->fn, w->dep, probe, probed, shows);
     for (uint32_t i = 0, at = 0; i < asked; i++) {
         const Untracked *t = ask[i];
-        if (t->kind != JUMP_ALWAYS && !shows[at++]) continue;
+        if (!is_always(t->kind) && !shows[at++]) continue;
         const char *what = t->kind == JUMP_COMPARE || t->kind == JUMP_EQUALITY ? "this comparison"
-                           : t->kind == JUMP_BUILTIN                           ? "the argument of this jumping function"
+                           : t->kind == JUMP_BUILTIN || t->kind == JUMP_TRACE  ? "the argument of this jumping function"
                                                                                : "this value, which cannot be a site,";
         w->ctx->untracked = true;
         diag_emit(w->ctx->session, DIAG_untracked, t->span, what, param_list(w, &of[i]));

@@ -72,5 +72,31 @@ enum {
 };
 enum { SLT_BETWEEN_LOST = -4 };    /* for a: something may part them, and it was not found */
 enum { SLT_MESH_EXACT = 1 << 24 }; /* vertices and triangles that floats in single precision number */
+/* A receiver p, n and a parallelogram that shines towards u x v, the rows of SLT_QUERY_IRRADIANCE; view and roughness
+ * behind them of SLT_QUERY_LTC. Behind them the answer of SLT_QUERY_BEGIN. */
+enum {
+    SLT_LIGHT_P = 0,
+    SLT_LIGHT_N = 3,
+    SLT_LIGHT_CORNER = 6,
+    SLT_LIGHT_U = 9,
+    SLT_LIGHT_V = 12,
+    SLT_LIGHT_ROWS = 15,
+    SLT_LIGHT_VIEW = 15,
+    SLT_LIGHT_ROUGHNESS = 18,
+    SLT_LOBE_ROWS = 19
+};
+
+/* What is told of light, by the answer's unit and those behind it: how many units there are of vertices, the value,
+ * and the derivatives in the numbers that were asked with, in their order, which go on in the units behind; then the
+ * units of vertices. Unit 0: nothing shines. */
+enum {
+    SLT_LIGHT_COUNT, /* integer */
+    SLT_LIGHT_VALUE,
+    SLT_LIGHT_SLOPES,
+    SLT_LIGHT_EDGES = 3, /* units before those of vertices */
+    SLT_LIGHT_MAX_COUNT = 1 << 22
+};
+/* Of a unit of vertices: two of them, the derivatives in both. */
+enum { SLT_LIGHT_A, SLT_LIGHT_B, SLT_LIGHT_D_A, SLT_LIGHT_D_B = SLT_LIGHT_D_A + 3 };
 
 #endif

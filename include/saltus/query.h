@@ -50,7 +50,8 @@ enum {
  * PIECES      what is seen through a window: the unit of the first piece (saltus/mesh.h) in SltToldFn, 0 for none
  * SEEN        PIECES whose sides are not told
  * BETWEEN     what parts two rays that meet different faces: one of the two numbers of a line (saltus/mesh.h), or NONE
- */
+ * IRRADIANCE  what of a parallelogram shines on a point past the geometry: the unit of the answer (saltus/mesh.h), or 0
+ * LTC         the same, of a shining surface */
 typedef enum SltQuery {
 #define QUERY(id, ...) SLT_QUERY_##id,
 #include "saltus/queries.def"

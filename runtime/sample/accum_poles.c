@@ -73,7 +73,7 @@ static bool add(Poles *q, uint32_t lo, uint32_t hi) {
 }
 
 bool accum_watch(Accum *a, Batch *b, uint32_t which, uint32_t rows) {
-    if (a->bytes > MOST_BYTES || a->infinite) return false;
+    if (a->bytes > MOST_BYTES || a->infinite || b->s->pixelwise) return false; /* no sample is one of few */
     if (!a->poles) a->poles = malloc(sizeof *a->poles);
     if (!a->poles) return false;
     a->poles->b = b, a->poles->adj = a->buf[which].adj, a->poles->bytes = a->bytes * rows;

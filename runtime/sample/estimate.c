@@ -39,9 +39,9 @@ static SltStatus need_image(const SltJob *j, const char *what, SltError *err) {
     return status_fail(err, SLT_USAGE, "%s needs an image, not an integral", what);
 }
 
-/* One sample tells all of a pixel. */
+/* One sample tells all of a pixel. Of an integral cells know the same, and more, where the program has bounds. */
 static bool is_told(const SltScene *s, const SltJob *j) {
-    return s->pixelwise && !slt_estimate_by_differences(j->estimator);
+    return s->pixelwise && (s->boundless || !j->integral || slt_estimate_by_differences(j->estimator));
 }
 
 bool slt_estimate_has_choice(const SltScene *s, const SltJob *j) {
@@ -57,7 +57,8 @@ SltEstimator slt_estimate_choose(const SltScene *s, const SltJob *j, SltStats *s
 static const SltJob *settle(const SltScene *s, const SltJob *j, SltJob *own, SltStats *stats) {
     if (is_told(s, j)) {
         *own = *j;
-        own->estimator = SLT_EST_LATTICE, own->interior = SLT_INTERIOR_SAMPLES;
+        if (!slt_estimate_by_differences(j->estimator)) own->estimator = SLT_EST_LATTICE;
+        own->interior = SLT_INTERIOR_SAMPLES;
         own->samples = own->replicates = own->spp = 1, own->centred = true;
         return own;
     }
@@ -645,13 +646,14 @@ static SltStatus integral_once(const SltScene *s, const SltJob *job, SltIntegral
 
 SltStatus slt_estimate_integral(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats,
                                 SltError *err) {
-    SltJob copy = *job;
+    SltJob copy = *job, told;
     SltStats own = SLT_STATS_INIT;
     SltEstimator by;
     copy.integral = true;
     for (uint64_t i = 0; i < (uint64_t)s->channels * s->nfloats && out->left_bound; i++)
         out->left_bound[i] = NAN; /* cells prove more */
-    if (slt_estimate_by_differences(copy.estimator)) return difference_integral(s, &copy, out, stats, err);
+    if (slt_estimate_by_differences(copy.estimator))
+        return difference_integral(s, settle(s, &copy, &told, stats), out, stats, err);
     SltStatus st = integral_once(s, &copy, out, &by, &own, err);
     if (st == SLT_OK) st = onesided_add(s, &copy, by, out, &own, err);
     stats_add(stats, &own);

@@ -95,6 +95,7 @@ typedef struct SltScene {
     int follow;   /* fingers are followed from line to line of a lattice: 0 never, 1 but not rays in images, 2 always */
     bool uses_rand;
     bool pixelwise;      /* f is one number all over a pixel, and all over the domain of an integral */
+    bool boundless;      /* nothing is known of f on boxes: `bounds` and the edge kernels are never made */
     bool detached;       /* somewhere the program has no derivative of a value on purpose */
     bool frugal;         /* whoever asks takes many steps, and bears noise: SLT_EST_AUTO spends what the lattice does */
     uint64_t tape_bytes; /* a lane, the largest of all kernels */

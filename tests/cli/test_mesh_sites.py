@@ -296,6 +296,16 @@ class MeshSites(Case):
             text = f.read()
         self.against_pieces(text, eye="1.5, -2.2, 1.0", to="-1.5, 2.2, -0.9", size="0.9", value="v.hit ? 1.0 : 0.0", piece="1.0", part=1e-2)
 
+    def test_differences(self):
+        """Which need no edges: nobody asks for them, single precision's look at scales neither; `bench` takes every estimator."""
+        self.put("a.obj", TRIANGLE)
+        self.put("m.salt", DOWN % "v.hit ? 1.0 : 0.0")
+        self.run_cli("render", "m.salt", "--size", "4", "-o", "a.pfm")
+        j = self.json_cli("grad", "m.salt", "--size", "4", "--adjoint", "a.pfm", "--spp", "1", "--estimator", "fd")
+        self.assertEqual(len(j["gradient"]["m"]), 3)
+        j = self.json_cli("bench", "m.salt", "--samples", "512", "--repeats", "1")
+        self.assertLess({"lattice", "scanline", "snap-knn", "snap-crofton", "fd"}, set(j["curves"]) | {"quadrature"})
+
 
 if __name__ == "__main__":
     unittest.main()

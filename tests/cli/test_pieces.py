@@ -75,6 +75,15 @@ class Pieces(Case):
         self.assertRegex(text, r"value +begin, seen")
         self.assertRegex(text, r"vjp +begin, pieces")
 
+    def test_arrays_in_the_loop(self):
+        """What reverse mode keeps of a loop over pieces is bounded by the faces."""
+        self.program("float s[4]; for (Piece q = m.first(b); q.found; q = m.next(q)) s[q.tri] += q.area; sum = s[0] * s[1];")
+        whole = self.integral()["gradient"]["m"]
+        self.program("float u = 0.0, v = 0.0; for (Piece q = m.first(b); q.found; q = m.next(q)) { u += q.tri == 0 ? q.area : 0.0; v += q.tri == 1 ? q.area : 0.0; } sum = u * v;")
+        for got, want in zip(whole, self.integral()["gradient"]["m"]):
+            for a, b in zip(got, want):
+                self.assertAlmostEqual(a, b, delta=1e-12)
+
     def test_edges_on_borders(self):
         """A square whose corners are those of pixels, and a floor behind it: borders of pixels do not move, and its edges must in one of two."""
         square = lambda a, z: "".join("v %g %g %g\n" % (x * a, y * a, z) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1)))

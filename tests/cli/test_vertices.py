@@ -102,6 +102,26 @@ class Vertices(Case):
         # A miss.
         self.assertEqual(self.at(DOWN + "return m.smooth_normal(v).z;", 5, 5, mark="", more="")[0], 0)
 
+    def test_smooth_normals_of_pieces(self):
+        """Against differences; of a flat part the face's own; of no piece zero; of something else an error that names a hit."""
+        smooth = SEEN.replace("q.normal.z", "dot(m.smooth_normal(q), float3(0.2, -0.4, 1.0))")
+        self.mesh(smooth)
+        g = self.grad()["gradient"]
+        for name, value, got in (("angle[0]", 0.3, g["angle"][0]), ("m[1].z", 0.1, g["m"][1][2]), ("m[2].y", 0.5, g["m"][2][1])):
+            with self.subTest(name):
+                self.assertNotEqual(got, 0)
+                self.assertAlmostEqual(got, self.difference(name, value), delta=1e-8)
+        flat = "v -0.6 -0.6 0.1\nv 0.7 -0.6 0.3\nv 0.7 0.8 0.4\nf 1 2 3\n"
+        values = []
+        for body in smooth, smooth.replace("m.smooth_normal(q)", "q.normal"):
+            self.mesh(body, mark="", more="", text=flat)
+            values.append(self.grad()["integral"][0])
+        self.assertAlmostEqual(*values, delta=1e-12)
+        self.mesh(SEEN.replace("return sum", "Piece none = m.first(b); for (int i = 0; i < 9; i++) none = m.next(none); return sum * 0.0 + length(m.smooth_normal(none))"), mark="", more="", text=flat)
+        self.assertEqual(self.grad()["integral"][0], 0)
+        self.mesh(SEEN.replace("return sum", "return m.smooth_normal(b).x"), mark="", more="", text=flat)
+        self.assertIn("MeshHit", self.run_cli("render", "m.salt", "-o", "m.npy", code=3).err)
+
     def test_adjoint(self):
         self.mesh(DOWN.replace("float3(x,", "float3(0.2 * x,") + "return v.t + dot(m.smooth_normal(v), float3(0.3, 0.5, 1.0));")
         r = self.run_cli("check", "m.salt", "--precision", "f64", "--samples", 4096)

@@ -5,6 +5,11 @@
  * run: SALTUS_FIELD_RAYS=10000000 tests/test-field-agree. */
 #include "field_test.h"
 
+/* Boxes are for test_boxes.c, what meshes alone answer for tests/trimesh. */
+static bool is_of_others(int what) {
+    return query_rows[what].ray == RAY_BOX || !(query_rows[what].geometries & SLT_ON_HEIGHTFIELD);
+}
+
 static void agree(const Terrain *t, uint64_t seed, uint64_t rays_wanted, float band) {
     for (int f64 = 0; f64 < 2; f64++) {
         double *wide = f64 ? doubles(t->z, (size_t)t->w * t->h) : NULL;
@@ -15,7 +20,7 @@ static void agree(const Terrain *t, uint64_t seed, uint64_t rays_wanted, float b
         for (int isa = FIELD_ISA_SCALAR; isa < FIELD_ISAS; isa++)
             fields[isa] = make_field(z, f64, t->w, t->h, (FieldOptions){.isa = (FieldIsa)isa, .band = band});
         for (int what = 0; what < SLT_QUERIES; what++) {
-            if (query_rows[what].ray == RAY_BOX) continue; /* test_boxes.c */
+            if (is_of_others(what)) continue;
             Rng rng = {seed * 31 + (uint64_t)what};
             uint64_t found = 0;
             for (uint64_t done = 0; done < rays_wanted; done += WIDTH) {
@@ -76,7 +81,7 @@ static void test_not_finite(void **state) {
         for (uint32_t k = 0; k < t.w * t.h; k++) t.z[k] = odd[n];
         t.low = 0, t.high = 1;
         for (int what = 0; what < SLT_QUERIES; what++) {
-            if (query_rows[what].ray == RAY_BOX) continue;
+            if (is_of_others(what)) continue;
             SltGeometry *a = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = SLT_STRUCTURE_NAIVE}),
                         *b = make_field(t.z, false, t.w, t.h, (FieldOptions){0});
             Rows rays;
@@ -104,7 +109,7 @@ static void test_slack(void **state) {
     for (uint32_t n = 0; n < t.w * t.h; n++) t.z[n] += (float)between(&rng, -0.2, 1) * slack;
     SltGeometry *tight = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = SLT_STRUCTURE_NAIVE, .band = 1});
     for (int what = 0; what < SLT_QUERIES; what++) {
-        if (query_rows[what].ray == RAY_BOX) continue;
+        if (is_of_others(what)) continue;
         for (int n = 0; n < 200; n++) {
             Rows rays;
             int32_t expected[WIDTH];

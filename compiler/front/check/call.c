@@ -217,6 +217,7 @@ static Type *fixed_type(Checker *c, char letter) {
     case 'M': return c->t_mesh_hit;
     case 'E': return c->t_beam;
     case 'P': return c->t_piece;
+    case 'A': return c->t_area_light;
     default: return NULL;
     }
 }
@@ -454,6 +455,14 @@ Expr *check_call(Checker *c, Expr *e) {
 
 /* ---- methods */
 
+static bool takes(Checker *c, const MethodInfo *m, const Expr *e) {
+    const char *letters = m->signature + 1;
+    if (strlen(letters) != e->nargs) return false;
+    for (uint32_t i = 0; i < e->nargs; i++)
+        if (e->args[i]->type != fixed_type(c, letters[i])) return false;
+    return true;
+}
+
 Expr *check_method(Checker *c, Expr *e) {
     e->a[0] = check_expr(c, e->a[0]);
     bool args_ok = check_args(c, e, false);
@@ -465,7 +474,7 @@ Expr *check_method(Checker *c, Expr *e) {
     for (int i = 0; i < M_COUNT; i++) {
         if (methods[i].object != object) continue;
         names[n++] = methods[i].name;
-        if (!strcmp(methods[i].name, e->name)) m = &methods[i];
+        if (!strcmp(methods[i].name, e->name) && (!m || takes(c, &methods[i], e))) m = &methods[i];
     }
     if (!m) {
         const char *near = n ? suggest_nearest(e->name, names, n) : NULL;

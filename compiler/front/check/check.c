@@ -40,7 +40,7 @@ bool in_glsl(const Checker *c) { return c->at.scope->module->glsl; }
 FuncInfo *func_info(Checker *c, const Func *f) { return &c->info[f->check_state - 1]; }
 
 Type *soft_type(Checker *c, const char *name) {
-    Type *const structs[] = {c->t_hit, c->t_silhouette, c->t_mesh_hit, c->t_beam, c->t_piece};
+    Type *const structs[] = {c->t_hit, c->t_silhouette, c->t_mesh_hit, c->t_beam, c->t_piece, c->t_area_light};
     for (size_t i = 0; i < sizeof structs / sizeof *structs; i++)
         if (structs[i] && !strcmp(name, structs[i]->name)) return structs[i];
     for (int k = 0; k < SLT_GEOMETRIES; k++)
@@ -296,6 +296,8 @@ static void fill_language(Checker *c) {
                      {"part", c->t_int, SPAN_NONE, NULL},     {"the unit", c->t_int, SPAN_NONE, NULL},
                      {"the mesh", c->t_int, SPAN_NONE, NULL}, {"the beam", c->t_beam, SPAN_NONE, NULL}};
     c->t_piece = predeclared_struct(c, "Piece", piece, 10);
+    Field area_light[] = {{"corner", f3, SPAN_NONE, NULL}, {"u", f3, SPAN_NONE, NULL}, {"v", f3, SPAN_NONE, NULL}};
+    c->t_area_light = predeclared_struct(c, "AreaLight", area_light, 3);
     c->t_hit = predeclared_struct(c, "Hit", hit, 4);
     c->t_silhouette = predeclared_struct(c, "Silhouette", silhouette, 3);
 }

@@ -98,7 +98,8 @@ typedef struct Checker {
     NameMap builtin_types; /* -> Type */
     NameMap builtin_funcs; /* -> (void *)(uintptr_t)Builtin */
     const char *name_len, *name_pi, *name_tau, *name_infinity, *name_epsilon;
-    Type *t_error, *t_void, *t_bool, *t_int, *t_uint, *t_float, *t_hit, *t_silhouette, *t_mesh_hit, *t_beam, *t_piece;
+    Type *t_error, *t_void, *t_bool, *t_int, *t_uint, *t_float, *t_hit, *t_silhouette, *t_mesh_hit, *t_beam, *t_piece,
+        *t_area_light;
     Decl poison; /* what a name stands for after its error was reported */
     Vec(CullLoop) culls;
 } Checker;

@@ -403,12 +403,23 @@ static bool takes_next(const Expr *e, const Symbol *q) {
            e->a[1]->args[0]->kind == E_NAME && e->a[1]->args[0]->sym == q;
 }
 
-/* Does the loop go over the pieces of a mesh, `for (Piece q = m.first(b); q.found; q = m.next(q))`? They are finite. */
-static bool visits_pieces(Loops *l, const Stmt *st) {
+/* How many pieces a window sees of a mesh, at most: faces that cross each other can make more, and a loop that is cut
+ * short is counted. */
+enum { PIECES_A_FACE = 64, PIECES_LEAST = 4096 };
+
+/* Does the loop go over the pieces of a mesh, `for (Piece q = m.first(b); q.found; q = m.next(q))`? Then *most is how
+ * often it runs at most. */
+static bool visits_pieces(Loops *l, const Stmt *st, int64_t *most) {
     const Expr *e = strip(st->expr);
     if (e->kind != E_FIELD || e->field || e->a[0]->kind != E_NAME || e->a[0]->type != l->c->t_piece) return false;
     const Symbol *q = e->a[0]->sym;
-    return takes_next(st->step ? st->step : step_in_body(st->body, q), q);
+    const Expr *step = st->step ? st->step : step_in_body(st->body, q);
+    if (!takes_next(step, q)) return false;
+    const Expr *mesh = step->a[1]->a[0];
+    const int64_t faces = mesh->kind == E_NAME && mesh->sym && mesh->sym->kind == SYM_PARAM ? mesh->sym->nfaces : 0;
+    *most = faces ? PIECES_A_FACE * faces + PIECES_LEAST : CHECK_MAX_TRIPS;
+    if (*most > CHECK_MAX_TRIPS) *most = CHECK_MAX_TRIPS;
+    return true;
 }
 
 static Trips count_trips(Loops *l, Stmt *st) {
@@ -430,10 +441,7 @@ static Trips count_trips(Loops *l, Stmt *st) {
         t.why = "its condition is always true";
         return t;
     }
-    if (visits_pieces(l, st)) {
-        t.most = CHECK_MAX_TRIPS;
-        return t;
-    }
+    if (visits_pieces(l, st, &t.most)) return t;
     if (!find_form(l, st, st->expr, &f)) {
         t.why = f.why;
         return t;

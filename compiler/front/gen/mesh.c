@@ -3,7 +3,7 @@
  * A witness names a triangle; the evaluation is arithmetic on its nine numbers. With corners A, B, C seen from the
  * origin, e_A = d . (B x C) and so on are the weights of the corners at the point that the ray meets, up to their sum
  * d . n: so t is the mean of the corners' t, and lies between them however thin the triangle is seen. */
-#include "compiler/front/gen/geometry.h"
+#include "compiler/front/gen/mesh.h"
 #include "saltus/mesh.h"
 
 typedef Inst *Vec3[3];
@@ -278,8 +278,7 @@ static Val piece_of(Lower *l, Type *type, const Symbol *sym, Inst *unit, Inst *c
     return v;
 }
 
-/* SLT_QUERY_BEGIN, at the top: what is found later stays as long as the samples in hand. */
-static Inst *begun(Lower *l, uint32_t geometry, Span span) {
+Inst *gen_begun(Lower *l, uint32_t geometry, Span span) {
     if (l->begun) return l->begun;
     Builder at = ir_after(l->fn, l->anchor);
     at.span = span;
@@ -293,7 +292,7 @@ static Val first(Lower *l, Expr *e, const Symbol *sym) {
     uint32_t geometry = gen_geometry_number(l, (Searched){.sym = sym});
     Inst *args[SLT_BEAM_ROWS + 1];
     for (int k = 0; k < SLT_BEAM_ROWS; k++) args[k] = beam.c[k];
-    args[SLT_BEAM_ROWS] = begun(l, geometry, e->span);
+    args[SLT_BEAM_ROWS] = gen_begun(l, geometry, e->span);
     Inst *unit = special(l, OP_query, TY_INT, SLT_BEAM_ROWS + 1, args,
                          (Imm){.query = {geometry, SLT_QUERY_PIECES, l->geometries.data[geometry].base}});
     return piece_of(l, e->type, sym, unit, beam.c);
@@ -383,20 +382,22 @@ static void want_exact_numbers(Lower *l, const Symbol *sym) {
 
 /* ---- normals that bend with the surface */
 
-enum { HIT_HIT = 0, HIT_P = 2, HIT_FACE = 12 }; /* among the parts of a MeshHit */
+enum { HIT_P = 2, HIT_FACE = 12, PIECE_P = 4, PIECE_TRI = 10 }; /* among the parts of a MeshHit, of a Piece */
 
 /* Normals of the corners, weighted by the areas that p cuts the triangle into. */
 static Val smooth_normal(Lower *l, Expr *e, const Symbol *sym) {
+    bool piece = e->method == M_MESH_SMOOTH_PIECE;
     Val v = val_new(l, e->type), hit = gen_expr(l, e->args[0]);
-    Inst *found = op2(l, OP_band, hit.c[HIT_HIT], op2(l, OP_ile, ki(l, 0), hit.c[HIT_FACE])),
-         *tri = triangle_in(l, sym, hit.c[HIT_FACE]), *sum[3] = {kf(l, 0), kf(l, 0), kf(l, 0)};
+    Inst *const *at = hit.c + (piece ? PIECE_P : HIT_P), *face = hit.c[piece ? PIECE_TRI : HIT_FACE],
+                *found = op2(l, OP_band, hit.c[0], op2(l, OP_ile, ki(l, 0), face)), *tri = triangle_in(l, sym, face),
+                *sum[3] = {kf(l, 0), kf(l, 0), kf(l, 0)};
     Vec3 corner[3], from[3], p, q, across, part, normal;
     corners(l, sym, tri, corner);
     minus(l, corner[1], corner[0], p);
     minus(l, corner[2], corner[0], q);
     cross(l, p, q, across);
     Inst *whole = dot_n(l, across, across, 3), *real = op2(l, OP_fne, whole, kf(l, 0));
-    for (int k = 0; k < 3; k++) minus(l, corner[k], hit.c + HIT_P, from[k]);
+    for (int k = 0; k < 3; k++) minus(l, corner[k], at, from[k]);
     for (uint32_t k = 0; k < 3; k++) {
         cross(l, from[(k + 1) % 3], from[(k + 2) % 3], part);
         Inst *area = op2(l, OP_fdiv, dot_n(l, part, across, 3), sel(l, real, whole, kf(l, 1)));
@@ -418,14 +419,15 @@ Val gen_mesh(Lower *l, Expr *e, const Symbol *sym) {
     }
     if (e->method == M_MESH_FIRST) return first(l, e, sym);
     if (e->method == M_MESH_NEXT) return next(l, e, sym);
-    if (e->method == M_MESH_SMOOTH) return smooth_normal(l, e, sym);
+    if (e->method == M_MESH_SMOOTH || e->method == M_MESH_SMOOTH_PIECE) return smooth_normal(l, e, sym);
+    if (e->method == M_MESH_IRRADIANCE || e->method == M_MESH_LTC) return gen_mesh_light(l, e, sym);
     Val o = gen_expr(l, e->args[0]), d = gen_expr(l, e->args[1]);
     Inst *t0 = gen_scalar(l, e->args[2]), *t1 = gen_scalar(l, e->args[3]);
     Ray r = {.x = o.c[0], .y = o.c[1], .z = o.c[2], .dx = d.c[0], .dy = d.c[1], .dz = d.c[2], .t0 = t0, .t1 = t1};
     /* The first point says what the jump depends on; kernels that do not ask for it get the cheaper OCCLUDED
      * (opt_hits). */
     First f = first_of(l, sym, &r, &o, &d);
-    bool traces = e->method == M_MESH_TRACE, disc = traces ? site_wanted(l, f.id, f.met.t, e->span, JUMP_ALWAYS)
+    bool traces = e->method == M_MESH_TRACE, disc = traces ? site_wanted(l, f.id, f.met.t, e->span, JUMP_TRACE)
                                                            : site_wanted(l, f.hit, f.met.t, e->span, JUMP_BUILTIN);
     Inst *hit = f.hit, *hit_face = hit, *hit_uv = hit;
     if (disc) {

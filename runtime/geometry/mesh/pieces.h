@@ -18,6 +18,7 @@
 
 #include "adjacency.h"
 #include "rays.h"
+#include "saltus/mesh.h"
 
 typedef struct PieceScene {
     BvhScene tree;
@@ -33,6 +34,8 @@ bool pieces_find(const PieceScene *s, const void *rays, uint64_t mask, uint32_t 
 /* ---- the thread's store (told.c) */
 void pieces_begin(void);       /* empties it */
 const void *pieces_told(void); /* SltToldFn */
+/* Adds a unit, the first `whole` numbers integers; its number, 0 where there is no memory. */
+uint32_t pieces_tell(bool f64, const double number[SLT_TOLD], uint32_t whole);
 
 /* For each instruction set, the same bits from all. */
 extern const struct FacetSearch facets_plain, facets_avx2, facets_avx512;

@@ -96,6 +96,19 @@ static void put_int(const Search *s, uint32_t unit, uint32_t which, int32_t v) {
     memcpy(place(s, unit, which), &v, sizeof v);
 }
 
+uint32_t pieces_tell(bool f64, const double number[SLT_TOLD], uint32_t whole) {
+    Store *store = told_store();
+    if (!store || !store->n || !window_room(store, &store->unit, store->n + 1, &store->room, 1, sizeof *store->unit))
+        return 0;
+    const Search s = {.store = store, .f64 = f64};
+    const uint32_t unit = store->n;
+    for (uint32_t k = 0; k < SLT_TOLD; k++)
+        if (k < whole) put_int(&s, unit, k, (int32_t)number[k]);
+        else put(&s, unit, k, number[k]);
+    count_units(store, unit + 1);
+    return unit;
+}
+
 static uint32_t tell(Search *s, int32_t triangle, double area, double at_s, double at_t, uint32_t sides) {
     const uint32_t unit = s->store->n;
     put(s, unit, SLT_PIECE_AREA, area);

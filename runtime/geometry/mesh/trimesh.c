@@ -2,6 +2,7 @@
 #include "trimesh.h"
 
 #include "boxes.h"
+#include "light.h"
 #include "pieces.h"
 #include "walk.h"
 
@@ -134,6 +135,24 @@ static void seen(const SltGeometry *g, const void *values, const void *rays, uin
     find(g, values, rays, mask, width, false, witness);
 }
 
+static void light(const SltGeometry *g, SltQuery what, const void *values, const void *rays, uint64_t mask,
+                  uint32_t width, int32_t *witness) {
+    const Trimesh *m = g->made;
+    const LightScene s = {
+        .tree = scene_of(g, values), .adjacency = &m->adjacency, .search = m->rays->by[m->from.f64], .values = values};
+    if (!light_find(&s, what, rays, mask, width, witness)) atomic_store(m->lost, true);
+}
+
+static void irradiance(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
+                       int32_t *witness) {
+    light(g, SLT_QUERY_IRRADIANCE, values, rays, mask, width, witness);
+}
+
+static void ltc(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
+                int32_t *witness) {
+    light(g, SLT_QUERY_LTC, values, rays, mask, width, witness);
+}
+
 static void blocked(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
                     int32_t *witness) {
     const Trimesh *m = g->made;
@@ -144,8 +163,9 @@ static void blocked(const SltGeometry *g, const void *values, const void *rays, 
 
 /* ---- the seam */
 
+static const uint32_t lighting = 1u << SLT_QUERY_IRRADIANCE | 1u << SLT_QUERY_LTC;
 static const uint32_t searching = 1u << SLT_QUERY_TRACE | 1u << SLT_QUERY_OCCLUDED | 1u << SLT_QUERY_PIECES |
-                                  1u << SLT_QUERY_SEEN | 1u << SLT_QUERY_BLOCKED;
+                                  1u << SLT_QUERY_SEEN | 1u << SLT_QUERY_BLOCKED | lighting;
 
 static void release(SltGeometry *g) {
     Trimesh *m = (Trimesh *)g;
@@ -181,7 +201,7 @@ SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void
         release(&m->base.shared);
         return status_fail(err, SLT_LIMIT, "out of memory for the tree of a mesh of %u triangles", from->nfaces);
     }
-    m->has_adjacency = from->queries & (1u << SLT_QUERY_PIECES | 1u << SLT_QUERY_BETWEEN);
+    m->has_adjacency = from->queries & (1u << SLT_QUERY_PIECES | 1u << SLT_QUERY_BETWEEN | lighting);
     if (m->has_adjacency && !adjacency_make(&m->adjacency, from->faces, from->nfaces, from->nvertices)) {
         m->has_adjacency = false;
         release(&m->base.shared);
@@ -195,6 +215,8 @@ SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void
         m->base.shared.query[SLT_QUERY_BLOCKED] = blocked;
         m->base.shared.query[SLT_QUERY_PIECES] = m->has_adjacency ? pieces : NULL;
         m->base.shared.query[SLT_QUERY_SEEN] = seen;
+        m->base.shared.query[SLT_QUERY_IRRADIANCE] = m->has_adjacency ? irradiance : NULL;
+        m->base.shared.query[SLT_QUERY_LTC] = m->has_adjacency ? ltc : NULL;
     }
     m->base.shared.query[SLT_QUERY_BEGIN] = begin;
     m->base.shared.told = pieces_told;

@@ -1,0 +1,12 @@
+/* What the files of meshes share: mesh.c (rays, visible pieces), mesh_light.c. */
+#ifndef SALTUS_FRONT_GEN_MESH_H
+#define SALTUS_FRONT_GEN_MESH_H
+
+#include "compiler/front/gen/geometry.h"
+
+/* SLT_QUERY_BEGIN, at the top: what is told of later stays as long as the samples in hand. An argument of each query
+ * that tells, so that it comes before. */
+Inst *gen_begun(Lower *l, uint32_t geometry, Span span);
+Val gen_mesh_light(Lower *l, Expr *e, const Symbol *sym); /* irradiance, ltc */
+
+#endif

@@ -1,0 +1,337 @@
+/* Triangles in the beam from p to the light, and the lines that may end a shadow. */
+#include "light_inner.h"
+
+#include <math.h>
+
+static inline double number(const Light *l, size_t at) {
+    return l->f64 ? ((const double *)l->s->values)[at] : (double)((const float *)l->s->values)[at];
+}
+
+void light_vertex(const Light *l, int32_t vertex, double at[3]) {
+    for (int a = 0; a < 3; a++) at[a] = number(l, 3 * (size_t)vertex + (size_t)a) - l->p[a];
+}
+
+void light_corners(const Light *l, int32_t triangle, double at[3][3]) {
+    const int32_t *face = l->s->tree.bvh->face + 3 * (size_t)triangle;
+    for (int k = 0; k < 3; k++)
+        for (int a = 0; a < 3; a++) at[k][a] = number(l, 3 * (size_t)face[k] + (size_t)a) - l->p[a];
+}
+
+/* By det(A, B, C) = A . N, p's distance from the plane times |N|, and the square of N. */
+static Facing facing_by(const Light *l, double det, double square) {
+    if (!(det * det > l->near * l->near * square) || !isfinite(det)) return FACING_NOT;
+    return det < 0 ? FACING_TO : FACING_AWAY;
+}
+
+/* What is not finite hides nothing. */
+Facing light_facing(const Light *l, double at[3][3]) {
+    double p[3], q[3], normal[3], least = HUGE_VAL;
+    vec_minus(at[1], at[0], p);
+    vec_minus(at[2], at[0], q);
+    vec_cross(p, q, normal);
+    const Facing f = facing_by(l, vec_dot(at[0], normal), vec_dot(normal, normal));
+    if (f == FACING_NOT || !l->through) return f;
+    for (int k = 0; k < 3; k++) least = light_min(least, vec_dot(l->row[2], at[k]));
+    return least < l->beyond ? f : FACING_BEYOND;
+}
+
+/* ---- triangles */
+
+typedef struct Plane {
+    double normal[3], off; /* inside: normal . (x - p) + off >= 0 */
+} Plane;
+enum { PLANES = 6 };
+
+/* Which children of a node are not wholly outside one of the planes. */
+static uint32_t inside(const Light *l, const Plane *plane, const BvhNode *n) {
+    double at[2][3][BVH_WIDTH], most[BVH_WIDTH], size[BVH_WIDTH];
+    const double slack = l->s->tree.slack;
+    uint32_t in = 0;
+    for (int a = 0; a < 3; a++)
+        for (int k = 0; k < BVH_WIDTH; k++) {
+            at[0][a][k] = ((double)n->lo[a][k] - l->p[a]) - slack;
+            at[1][a][k] = ((double)n->hi[a][k] - l->p[a]) + slack;
+        }
+    for (int k = 0; k < BVH_WIDTH; k++)
+        if (n->child[k] && n->lo[0][k] <= n->hi[0][k]) in |= 1u << k;
+    for (int i = 0; i < PLANES && in; i++) {
+        for (int k = 0; k < BVH_WIDTH; k++) most[k] = plane[i].off, size[k] = fabs(plane[i].off);
+        for (int a = 0; a < 3; a++) {
+            const double by = plane[i].normal[a], *x = at[by > 0][a];
+            for (int k = 0; k < BVH_WIDTH; k++) most[k] += by * x[k], size[k] += fabs(by * x[k]);
+        }
+        for (int k = 0; k < BVH_WIDTH; k++)
+            if (most[k] < -1e-12 * size[k]) in &= ~(1u << k);
+    }
+    return in;
+}
+
+static void set_planes(const Light *l, Plane plane[PLANES]) {
+    for (int i = 0; i < 2; i++) {
+        plane[2 * i] = plane[2 * i + 1] = (Plane){.off = 0};
+        for (int a = 0; a < 3; a++) {
+            plane[2 * i].normal[a] = l->row[i][a];
+            plane[2 * i + 1].normal[a] = l->row[2][a] - l->row[i][a];
+        }
+    }
+    plane[4].off = 2 - l->beyond, plane[5].off = 0;
+    for (int a = 0; a < 3; a++) plane[4].normal[a] = -l->row[2][a], plane[5].normal[a] = l->n[a];
+}
+
+/* Is anything below the node on the light's plane, or behind it? */
+static bool reaches(const Light *l, const BvhNode *n) {
+    for (int k = 0; k < BVH_WIDTH; k++) {
+        double most = 0;
+        if (!n->child[k] || !(n->lo[0][k] <= n->hi[0][k])) continue;
+        for (int a = 0; a < 3; a++) {
+            const double by = l->row[2][a], x = (double)(by > 0 ? n->hi[a][k] : n->lo[a][k]) - l->p[a];
+            most += by * x + fabs(by) * l->s->tree.slack;
+        }
+        if (!(most < l->beyond)) return true;
+    }
+    return false;
+}
+
+static Facing note(const Light *l, int32_t triangle, Facing f) {
+    l->store->stamp[triangle] = l->store->stamps << 2 | (uint32_t)f;
+    return f;
+}
+
+static Facing known(const Light *l, int32_t triangle) {
+    const uint32_t s = l->store->stamp[triangle];
+    if (s >> 2 == l->store->stamps) return (Facing)(s & 3);
+    double at[3][3];
+    light_corners(l, triangle, at);
+    return note(l, triangle, light_facing(l, at));
+}
+
+static bool forget(Light *l) {
+    LightStore *store = l->store;
+    const uint32_t n = l->s->tree.bvh->nfaces;
+    if (store->marked < n || store->stamps + 1 == 1u << 30) {
+        free(store->stamp);
+        store->stamp = calloc(n, sizeof *store->stamp);
+        store->marked = store->stamp ? n : 0, store->stamps = 0;
+    }
+    store->stamps++;
+    return store->stamp;
+}
+
+/* light_facing of a leaf's triangles at once, the same operations; corners at places without a triangle are 0. */
+static void face_leaf(const Light *l, double at[3][3][BVH_LEAF], const int32_t triangle[BVH_LEAF]) {
+    double det[BVH_LEAF], square[BVH_LEAF];
+    for (int k = 0; k < BVH_LEAF; k++) {
+        const double a[3] = {at[0][0][k] - l->p[0], at[0][1][k] - l->p[1], at[0][2][k] - l->p[2]};
+        const double p[3] = {(at[1][0][k] - l->p[0]) - a[0], (at[1][1][k] - l->p[1]) - a[1],
+                             (at[1][2][k] - l->p[2]) - a[2]};
+        const double q[3] = {(at[2][0][k] - l->p[0]) - a[0], (at[2][1][k] - l->p[1]) - a[1],
+                             (at[2][2][k] - l->p[2]) - a[2]};
+        double normal[3];
+        vec_cross(p, q, normal);
+        det[k] = vec_dot(a, normal), square[k] = vec_dot(normal, normal);
+    }
+    for (int k = 0; k < BVH_LEAF; k++)
+        if (triangle[k] >= 0) note(l, triangle[k], facing_by(l, det[k], square[k]));
+}
+
+static void take_leaf(Light *l, int32_t leaf) {
+    const Bvh *b = l->s->tree.bvh;
+    double at[3][3][BVH_LEAF];
+    const BvhLeaf64 *f64 = b->f64 ? (const BvhLeaf64 *)b->leaf + leaf : NULL;
+    const BvhLeaf32 *f32 = b->f64 ? NULL : (const BvhLeaf32 *)b->leaf + leaf;
+    const int32_t *triangle = f64 ? f64->triangle : f32->triangle;
+    for (int i = 0; i < BVH_LEAF; i++)
+        if (triangle[i] >= 0 && !ROW_ADD(l->store->triangle, triangle[i])) l->lost = true;
+    if (l->through || l->s->tree.moved) return;
+    for (int c = 0; c < 3; c++)
+        for (int a = 0; a < 3; a++)
+            for (int i = 0; i < BVH_LEAF; i++) at[c][a][i] = f64 ? f64->at[c][a][i] : (double)f32->at[c][a][i];
+    face_leaf(l, at, triangle);
+}
+
+void light_gather(Light *l) {
+    const Bvh *b = l->s->tree.bvh;
+    Plane plane[PLANES];
+    int32_t stack[BVH_STACK];
+    uint32_t depth = 0;
+    if (!forget(l)) {
+        l->lost = true;
+        return;
+    }
+    set_planes(l, plane);
+    l->through = reaches(l, &b->node[0]);
+    stack[depth++] = 0;
+    while (depth) {
+        const BvhNode *n = &b->node[stack[--depth]];
+        for (uint32_t in = inside(l, plane, n); in; in &= in - 1) {
+            const int32_t child = n->child[__builtin_ctz(in)];
+            if (child >= 0) {
+                stack[depth++] = child;
+                continue;
+            }
+            take_leaf(l, ~child);
+        }
+    }
+}
+
+/* ---- segments */
+
+static void add_segment(Light *l, const double normal[3], double end[2][2], SegmentKind kind, int32_t a, int32_t b) {
+    Segment s = {
+        .g = {vec_dot(normal, l->u), vec_dot(normal, l->v), vec_dot(normal, l->c)}, .kind = kind, .a = a, .b = b};
+    const double slope = sqrt(s.g[0] * s.g[0] + s.g[1] * s.g[1]);
+    /* A plane that is parallel to the light has no line on it, and two sides all the same. */
+    if (!(slope > 0) || !isfinite(slope)) s.g[0] = s.g[1] = 0, s.g[2] = s.g[2] < 0 ? -1 : 1;
+    else
+        for (int k = 0; k < 3; k++) s.g[k] /= slope;
+    memcpy(s.end, end, sizeof s.end);
+    for (int i = 0; i < 2; i++) s.low[i] = light_min(end[0][i], end[1][i]), s.high[i] = light_max(end[0][i], end[1][i]);
+    for (int k = 0; k < 2; k++) {
+        const double along = s.g[0] * end[k][1] - s.g[1] * end[k][0];
+        if (!k || along < s.from) s.from = along;
+        if (!k || along > s.to) s.to = along;
+    }
+    if (!ROW_ADD(l->store->segment, s)) l->lost = true;
+}
+
+/* The part of the edge in the pyramid over the light; false: none. */
+static bool clip_edge(const Light *l, const double a[3], const double b[3], double end[2][2]) {
+    double h[2][3], part[2] = {0, 1};
+    for (int k = 0; k < 2; k++) vec_map(l->row, k ? b : a, h[k]);
+    if (!(h[0][2] > 0) && !(h[1][2] > 0)) return false;
+    for (int i = 0; i < 5; i++) {
+        double f[2];
+        for (int k = 0; k < 2; k++)
+            f[k] = i == 4 ? 2 - l->beyond - h[k][2] : i & 1 ? h[k][2] - h[k][i / 2] : h[k][i / 2];
+        if (f[0] < 0 && f[1] < 0) return false;
+        if (f[0] < 0) part[0] = light_max(part[0], f[0] / (f[0] - f[1]));
+        if (f[1] < 0) part[1] = light_min(part[1], f[0] / (f[0] - f[1]));
+    }
+    if (!(part[0] < part[1])) return false;
+    for (int k = 0; k < 2; k++) {
+        double at[3];
+        for (int i = 0; i < 3; i++)
+            at[i] = part[k] == 0 ? h[0][i] : part[k] == 1 ? h[1][i] : h[0][i] + part[k] * (h[1][i] - h[0][i]);
+        if (!(at[2] > 0)) return false;
+        end[k][0] = at[0] / at[2], end[k][1] = at[1] / at[2];
+    }
+    return isfinite(end[0][0] + end[0][1] + end[1][0] + end[1][1]);
+}
+
+static void add_edge(Light *l, const int32_t *face, double at[3][3], int k) {
+    int a = k, b = (k + 1) % 3;
+    double end[2][2], normal[3];
+    if (face[a] > face[b]) a = b, b = k;
+    if (!clip_edge(l, at[a], at[b], end)) return;
+    vec_cross(at[a], at[b], normal);
+    add_segment(l, normal, end, SEGMENT_EDGE, face[a], face[b]);
+}
+
+/* Where the triangle passes through the light's plane; false: nowhere. normal: of the difference of 1 / h_z. */
+static bool cut_by_light(const Light *l, double at[3][3], double end[2][2], double normal[3]) {
+    double h[3][3], p[3], q[3], m[3], light, det;
+    int n = 0;
+    for (int k = 0; k < 3; k++) vec_map(l->row, at[k], h[k]);
+    for (int k = 0; k < 3; k++) {
+        const double *a = h[k], *b = h[(k + 1) % 3];
+        if ((a[2] < 1) == (b[2] < 1) || n == 2) continue;
+        const double part = (1 - a[2]) / (b[2] - a[2]);
+        for (int i = 0; i < 2; i++) end[n][i] = a[i] + part * (b[i] - a[i]);
+        n++;
+    }
+    if (n < 2) return false;
+    vec_minus(at[1], at[0], p);
+    vec_minus(at[2], at[0], q);
+    vec_cross(p, q, normal);
+    vec_cross(l->u, l->v, m);
+    det = vec_dot(at[0], normal), light = vec_dot(l->c, m);
+    for (int i = 0; i < 3; i++) normal[i] = normal[i] / det - m[i] / light;
+    return isfinite(normal[0] + normal[1] + normal[2]);
+}
+
+/* Does the segment keep clear of the window? */
+static bool is_clear(double end[2][2]) {
+    for (int i = 0; i < 2; i++)
+        if ((end[0][i] < 0 && end[1][i] < 0) || (end[0][i] > 1 && end[1][i] > 1)) return true;
+    return false;
+}
+
+static void add_cut(Light *l, int32_t triangle, double at[3][3]) {
+    double end[2][2], normal[3];
+    if (cut_by_light(l, at, end, normal) && !is_clear(end))
+        add_segment(l, normal, end, SEGMENT_PLANE, triangle, triangle);
+}
+
+/* ---- which edges end a shadow */
+
+/* Do both faces of the edge hide, one on either side of it? Or neither? Their corners may run in different ways. */
+static bool goes_on(const Light *l, int32_t triangle, int k, Facing own, int32_t half) {
+    const int32_t *face = l->s->tree.bvh->face;
+    const Facing other = known(l, half / 3);
+    if (own < FACING_TO || other < FACING_TO) return own < FACING_TO && other < FACING_TO;
+    return (own == other) == (face[3 * triangle + k] != face[half]);
+}
+
+void light_edges(Light *l) {
+    const LightStore *store = l->store;
+    const Adjacency *adjacency = l->s->adjacency;
+    for (uint32_t i = 0; i < store->triangle.n; i++) {
+        const int32_t triangle = store->triangle.data[i], *face = l->s->tree.bvh->face + 3 * (size_t)triangle;
+        const Facing own = known(l, triangle);
+        double at[3][3];
+        bool have = false;
+        for (int k = 0; k < 3; k++) {
+            const int32_t other = adjacency->across[3 * (size_t)triangle + (size_t)k];
+            if (other >= 0 && (other / 3 > triangle || goes_on(l, triangle, k, own, other))) continue;
+            if (other < 0 && own < FACING_TO) continue;
+            if (!have) light_corners(l, triangle, at), have = true;
+            add_edge(l, face, at, k);
+        }
+        l->touches |= own == FACING_NOT;
+        if (own < FACING_TO || !l->through) continue;
+        if (!have) light_corners(l, triangle, at);
+        add_cut(l, triangle, at);
+    }
+}
+
+/* ---- triangle by triangle */
+
+void light_facets(Light *l) {
+    LightStore *store = l->store;
+    for (uint32_t i = 0; i < store->triangle.n; i++) {
+        const int32_t triangle = store->triangle.data[i], *face = l->s->tree.bvh->face + 3 * (size_t)triangle;
+        double at[3][3], end[2][2], normal[3];
+        light_corners(l, triangle, at);
+        const Facing facing = light_facing(l, at);
+        if (facing < FACING_TO) continue;
+        Facet f = {.line = store->segment.n};
+        for (int k = 0; k < 3; k++) {
+            int a = k, b = (k + 1) % 3;
+            if (face[a] > face[b]) a = b, b = k;
+            f.sign[k] = (facing == FACING_AWAY) == (a == k) ? 1 : -1;
+            if (!clip_edge(l, at[a], at[b], end)) end[0][0] = end[1][0] = end[0][1] = end[1][1] = -1;
+            vec_cross(at[a], at[b], normal);
+            add_segment(l, normal, end, SEGMENT_EDGE, face[a], face[b]);
+        }
+        f.cut = l->through && cut_by_light(l, at, end, normal);
+        if (f.cut) add_segment(l, normal, end, SEGMENT_PLANE, triangle, triangle);
+        if (!ROW_ADD(store->facet, f)) l->lost = true;
+    }
+}
+
+bool light_hides(const Light *l, int32_t triangle, double u, double v) {
+    double at[3][3], d[3], normal[3], sum = 0;
+    light_corners(l, triangle, at);
+    const Facing facing = light_facing(l, at);
+    if (facing < FACING_TO) return false;
+    for (int i = 0; i < 3; i++) d[i] = l->c[i] + u * l->u[i] + v * l->v[i];
+    for (int k = 0; k < 3; k++) {
+        vec_cross(at[k], at[(k + 1) % 3], normal);
+        const double g = vec_dot(d, normal);
+        if (!(facing == FACING_AWAY ? g >= 0 : g <= 0)) return false;
+        sum += g;
+    }
+    /* The weights of the corners are g / det, their sum 1 / h_z. */
+    vec_cross(at[1], at[2], normal);
+    return sum / vec_dot(at[0], normal) > 1;
+}

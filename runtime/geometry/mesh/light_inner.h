@@ -1,0 +1,135 @@
+/* The insides of light: nobody else includes this.
+ *
+ * light.c         the query: light and receiver, the store, what is told
+ * light_edges.c   triangles in the beam, the edges that may end a shadow
+ * light_pieces.c  sub-windows, pieces, which are lit
+ * light_sum.c     what a piece adds, and its sides' J
+ * light_turn.c    from J to derivatives */
+#ifndef SALTUS_MESH_LIGHT_INNER_H
+#define SALTUS_MESH_LIGHT_INNER_H
+
+#include "light.h"
+
+#include "rows.h"
+#include "vec.h"
+
+enum {
+    LIGHT_CORNERS = 32, /* of a polygon, at most; above LIGHT_KEPT it is halved */
+    LIGHT_KEPT = 26,
+    LIGHT_FEW = 12, /* edges, or triangles, of a window that is not halved */
+    LIGHT_HALVINGS = 30
+};
+#define LIGHT_ON_LINE 2e-13   /* nearer to a line is on it */
+#define LIGHT_CONTINUES 1e-6 /* an edge that leaves the line of another by no more is its continuation */
+
+typedef enum SegmentKind {
+    SEGMENT_BORDER,  /* of the light, from one corner to the next */
+    SEGMENT_HORIZON, /* n . w = 0 */
+    SEGMENT_FIXED,   /* cuts that do not move, and the horizon of the lobe, where nothing shines */
+    SEGMENT_EDGE,    /* between vertices a < b */
+    SEGMENT_PLANE    /* where triangle a meets the light's plane */
+} SegmentKind;
+/* Numbers of segments: borders come first. */
+enum { LINE_HORIZON = 4, LINE_FIXED, LINE_MESH };
+
+/* A piece of a line in the window, on the plane through p with normal G: g = G . (c + u U + v V) up to a factor that
+ * makes its slope 1. */
+typedef struct Segment {
+    double g[3];
+    double from, to; /* along (-g1, g0) */
+    double end[2][2], low[2], high[2];
+    double j[3]; /* sum of J over sides of lit pieces, positive where the piece is on the side g > 0 */
+    int32_t a, b;
+    SegmentKind kind;
+} Segment;
+
+/* Side k goes from corner k to the next, counter-clockwise, on segment side[k]. */
+typedef struct Polygon {
+    uint32_t n;
+    double u[LIGHT_CORNERS], v[LIGHT_CORNERS];
+    uint32_t side[LIGHT_CORNERS];
+    double low[2], high[2]; /* of one in a row */
+} Polygon;
+
+/* A triangle in the window, of the way that subtracts. */
+typedef struct Facet {
+    uint32_t line; /* of its edges, and of its cut with the light's plane, which it has if `cut` */
+    double sign[3];
+    bool cut;
+} Facet;
+
+typedef struct Window {
+    double lo[2], hi[2];
+} Window;
+
+/* The derivatives in two vertices. */
+typedef struct LightEdge {
+    int32_t vertex[2];
+    double d[2][3];
+} LightEdge;
+
+typedef struct LightStore {
+    ROW(LightEdge) edge; /* what is told of vertices */
+    ROW(int32_t) triangle;
+    ROW(Segment) segment;
+    ROW(Facet) facet;
+    ROW(uint32_t) list;
+    ROW(Polygon) piece;
+    ROW(bool) lit;
+    uint32_t *stamp, stamps, marked; /* of each face: what is known of it, by the queries so far */
+} LightStore;
+
+typedef struct Light {
+    const LightScene *s;
+    LightStore *store;
+    bool f64, lost;
+    bool touches;                        /* p lies on a triangle in the beam, as far as rounding can tell */
+    bool through;                        /* some of the mesh is on the light's plane or behind it */
+    double p[3], n[3], c[3], u[3], v[3]; /* c, u, v: the light's v is u here, so that det(u, v, c) > 0 */
+    double row[3][3];                    /* of [u v c]^-1 */
+    double near, beyond;                 /* h_z from which on nothing hides */
+    double map[3][3];                    /* T */
+    double cm[3], um[3], vm[3];          /* c, u, v by T */
+    double uv[3], cv[3], cu[3];          /* their products */
+    double clip[2][3];                   /* lines of the horizons, g as of a segment; the second if `lobe` */
+    bool lobe;
+    double flux[3]; /* vector irradiance, mapped: E = n . flux */
+} Light;
+
+/* Derivatives of n . flux. */
+typedef struct LightSlopes {
+    double n[3], corner[3], u[3], v[3], map[3][3];
+    double moved[3]; /* the sum over all vertices */
+} LightSlopes;
+
+/* What a triangle is for p. */
+typedef enum Facing { FACING_NOT, FACING_BEYOND, FACING_TO, FACING_AWAY } Facing; /* from FACING_TO on: it hides */
+
+/* light_edges.c */
+/* From p. */
+void light_vertex(const Light *l, int32_t vertex, double at[3]);
+void light_corners(const Light *l, int32_t triangle, double at[3][3]);
+Facing light_facing(const Light *l, double at[3][3]);
+/* Segments 0 .. LINE_MESH - 1, and the triangles that may hide something. */
+void light_gather(Light *l);
+void light_edges(Light *l);  /* the way of silhouettes: all further segments */
+void light_facets(Light *l); /* the other: facets and their segments */
+bool light_hides(const Light *l, int32_t triangle, double u, double v);
+
+/* light_pieces.c */
+void light_look(Light *l, bool facets);
+
+/* light_sum.c */
+void light_add(Light *l, const Polygon *p, const uint32_t *list, uint32_t n);
+
+/* light_turn.c */
+/* Makes the row of edges. */
+void light_turn(Light *l, LightSlopes *s);
+
+/* Of numbers, inline. */
+static inline double light_min(double a, double b) { return b < a ? b : a; }
+static inline double light_max(double a, double b) { return b > a ? b : a; }
+
+static inline double light_at(const double g[3], double u, double v) { return g[0] * u + g[1] * v + g[2]; }
+
+#endif

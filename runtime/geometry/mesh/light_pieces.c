@@ -1,0 +1,313 @@
+/* Cuts the light into convex pieces, each wholly lit or dark, sub-window by sub-window. */
+#include "light_inner.h"
+
+#include <math.h>
+
+/* ---- polygons */
+
+static void add_corner(Polygon *p, double u, double v, uint32_t side) {
+    if (p->n == LIGHT_CORNERS) return; /* never: LIGHT_KEPT and four splits are fewer */
+    p->u[p->n] = u, p->v[p->n] = v, p->side[p->n++] = side;
+}
+
+static Polygon rectangle(const Window *w) {
+    Polygon p = {0};
+    for (uint32_t k = 0; k < 4; k++) {
+        const double u = k == 1 || k == 2 ? w->hi[0] : w->lo[0], v = k >= 2 ? w->hi[1] : w->lo[1];
+        const bool border = k == 0 ? w->lo[1] == 0 : k == 1 ? w->hi[0] == 1 : k == 2 ? w->hi[1] == 1 : w->lo[0] == 0;
+        add_corner(&p, u, v, border ? k : LINE_FIXED);
+    }
+    return p;
+}
+
+/* g at the corners, 0 where they are on the line; which signs there are. */
+static void sides_of(const Polygon *p, const double g[3], double sign, double d[LIGHT_CORNERS], bool *plus,
+                     bool *minus) {
+    *plus = *minus = false;
+    for (uint32_t k = 0; k < p->n; k++) {
+        d[k] = sign * light_at(g, p->u[k], p->v[k]);
+        if (fabs(d[k]) <= LIGHT_ON_LINE) d[k] = 0;
+        *plus |= d[k] > 0, *minus |= d[k] < 0;
+    }
+}
+
+/* Parts p by d: *in is where it is positive. A corner on the line is of both; a new one is the same in both. */
+static void part(const Polygon *p, const double d[LIGHT_CORNERS], uint32_t line, Polygon *in, Polygon *out) {
+    in->n = out->n = 0;
+    for (uint32_t k = 0; k < p->n; k++) {
+        const uint32_t next = k + 1 < p->n ? k + 1 : 0;
+        if (d[k] >= 0) add_corner(in, p->u[k], p->v[k], d[k] == 0 && d[next] < 0 ? line : p->side[k]);
+        if (d[k] <= 0) add_corner(out, p->u[k], p->v[k], d[k] == 0 && d[next] > 0 ? line : p->side[k]);
+        if (!(d[k] * d[next] < 0)) continue;
+        const double at = d[k] / (d[k] - d[next]), u = p->u[k] + at * (p->u[next] - p->u[k]),
+                     v = p->v[k] + at * (p->v[next] - p->v[k]);
+        add_corner(in, u, v, d[k] > 0 ? line : p->side[k]);
+        add_corner(out, u, v, d[k] < 0 ? line : p->side[k]);
+    }
+}
+
+static void copy(Polygon *to, const Polygon *from) {
+    to->n = from->n;
+    memcpy(to->u, from->u, from->n * sizeof *to->u);
+    memcpy(to->v, from->v, from->n * sizeof *to->v);
+    memcpy(to->side, from->side, from->n * sizeof *to->side);
+}
+
+/* Of *p remains where sign * g is positive, *out is the rest; either may have no corners. */
+static void split(Polygon *p, const double g[3], double sign, uint32_t line, Polygon *out) {
+    double d[LIGHT_CORNERS];
+    bool plus, minus;
+    sides_of(p, g, sign, d, &plus, &minus);
+    if (plus && minus) {
+        Polygon whole;
+        copy(&whole, p);
+        part(&whole, d, line, p, out);
+    } else if (plus) {
+        out->n = 0;
+    } else {
+        copy(out, p);
+        p->n = 0;
+    }
+}
+
+static void keep(Light *l, const Polygon *p);
+
+/* A polygon of many corners is halved along a chord, which does not move. */
+static void halve(Light *l, const Polygon *p) {
+    Polygon a = {0}, b = {0};
+    const uint32_t middle = p->n / 2;
+    for (uint32_t k = 0; k <= middle; k++) add_corner(&a, p->u[k], p->v[k], k < middle ? p->side[k] : LINE_FIXED);
+    for (uint32_t k = middle; k < p->n; k++) add_corner(&b, p->u[k], p->v[k], p->side[k]);
+    add_corner(&b, p->u[0], p->v[0], LINE_FIXED);
+    keep(l, &a);
+    keep(l, &b);
+}
+
+static void bound(Polygon *p) {
+    for (int i = 0; i < 2; i++) {
+        const double *x = i ? p->v : p->u;
+        p->low[i] = p->high[i] = x[0];
+        for (uint32_t k = 1; k < p->n; k++)
+            p->low[i] = light_min(p->low[i], x[k]), p->high[i] = light_max(p->high[i], x[k]);
+    }
+}
+
+/* Makes row `which` of pieces a copy of p. */
+static void set(Light *l, uint32_t which, const Polygon *p) {
+    copy(&l->store->piece.data[which], p);
+    bound(&l->store->piece.data[which]);
+}
+
+static void keep(Light *l, const Polygon *p) {
+    if (p->n < 3) return;
+    if (p->n > LIGHT_KEPT) {
+        halve(l, p);
+        return;
+    }
+    LightStore *s = l->store;
+    if (!row_room(&s->piece.data, s->piece.n, &s->piece.room, sizeof *s->piece.data)) l->lost = true;
+    else set(l, s->piece.n++, p);
+}
+
+/* The window as far as it is above the horizons. */
+static Polygon above(const Light *l, const Window *w) {
+    Polygon p = rectangle(w), below;
+    split(&p, l->clip[0], 1, LINE_HORIZON, &below);
+    if (l->lobe) split(&p, l->clip[1], 1, LINE_FIXED, &below);
+    return p;
+}
+
+/* ---- silhouettes */
+
+/* Cuts piece number `which` if the segment runs through it. A side that it lies on becomes its. */
+static void cut(Light *l, uint32_t which, uint32_t line) {
+    const Segment *s = &l->store->segment.data[line];
+    Polygon *p = &l->store->piece.data[which], in, out;
+    double d[LIGHT_CORNERS], from = HUGE_VAL, to = -HUGE_VAL;
+    bool plus, minus;
+    for (int i = 0; i < 2; i++)
+        if (s->high[i] < p->low[i] - LIGHT_ON_LINE || s->low[i] > p->high[i] + LIGHT_ON_LINE) return;
+    sides_of(p, s->g, 1, d, &plus, &minus);
+    for (uint32_t k = 0; k < p->n; k++) {
+        const uint32_t next = k + 1 < p->n ? k + 1 : 0;
+        if (!plus || !minus) {
+            if (d[k] == 0 && d[next] == 0 && p->side[k] == LINE_FIXED) p->side[k] = line;
+            continue;
+        }
+        if (d[k] != 0 && !(d[k] * d[next] < 0)) continue;
+        const double at = d[k] == 0 ? 0 : d[k] / (d[k] - d[next]), u = p->u[k] + at * (p->u[next] - p->u[k]),
+                     v = p->v[k] + at * (p->v[next] - p->v[k]), along = s->g[0] * v - s->g[1] * u;
+        from = light_min(from, along), to = light_max(to, along);
+    }
+    if (!(light_min(to, s->to) - light_max(from, s->from) > LIGHT_ON_LINE)) return;
+    part(p, d, line, &in, &out);
+    p->n = 0;
+    if (in.n >= 3 && in.n <= LIGHT_KEPT) set(l, which, &in);
+    else keep(l, &in);
+    keep(l, &out);
+}
+
+/* Does anything hide the piece, asked at its middle? One ray answers. Where p lies on triangles, they do not: if it is
+ * one of them that the ray meets first, or one that floats alone let it meet, all are asked. */
+static void ask(Light *l, uint32_t from, uint32_t n) {
+    enum { RAYS = 32 };
+    LightStore *store = l->store;
+    union {
+        double f64[8 * RAYS];
+        float f32[8 * RAYS];
+    } rays;
+    int32_t witness[RAYS];
+    double middle[RAYS][2];
+    for (uint32_t k = 0; k < n; k++) {
+        const Polygon *p = &store->piece.data[from + k];
+        double *m = middle[k], size = 0;
+        m[0] = m[1] = 0;
+        for (uint32_t i = 0; i < p->n; i++) m[0] += p->u[i], m[1] += p->v[i];
+        m[0] /= p->n, m[1] /= p->n;
+        for (uint32_t a = 0; a < 8; a++) {
+            const uint32_t i = a % 3;
+            double x = l->c[i] + m[0] * l->u[i] + m[1] * l->v[i];
+            if (a < 3) x = l->p[a];
+            else if (a < 6) size += x * x;
+            else x = a == 6 ? l->near / sqrt(size) : l->beyond;
+            if (l->f64) rays.f64[a * n + k] = x;
+            else rays.f32[a * n + k] = (float)x;
+        }
+    }
+    l->s->search(&l->s->tree, &rays, (1ull << n) - 1, n, !l->touches, witness);
+    for (uint32_t k = 0; k < n; k++) {
+        const double *m = middle[k];
+        bool dark = witness[k] >= 0;
+        if (dark && l->touches) dark = light_hides(l, witness[k], m[0], m[1]);
+        for (uint32_t i = 0; i < store->triangle.n && witness[k] >= 0 && !dark; i++)
+            dark = light_hides(l, store->triangle.data[i], m[0], m[1]);
+        store->lit.data[from + k] = !dark;
+    }
+}
+
+static void find_lit(Light *l) {
+    enum { AT_ONCE = 32 };
+    LightStore *store = l->store;
+    store->lit.n = 0;
+    for (uint32_t i = 0; i < store->piece.n; i++)
+        if (!ROW_ADD(store->lit, true)) {
+            l->lost = true;
+            return;
+        }
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < store->piece.n; i++)
+        if (store->piece.data[i].n >= 3 && n++ < i) set(l, n - 1, &store->piece.data[i]);
+    store->piece.n = n;
+    for (uint32_t i = 0; i < n && store->triangle.n; i += AT_ONCE) ask(l, i, n - i < AT_ONCE ? n - i : AT_ONCE);
+}
+
+/* ---- triangle by triangle */
+
+static bool covered_part(const Light *l, const Facet *f, const Polygon *p, Polygon *in) {
+    Polygon out;
+    copy(in, p);
+    for (uint32_t k = 0; k < 3u + f->cut && in->n >= 3; k++)
+        split(in, l->store->segment.data[f->line + k].g, k < 3 ? f->sign[k] : 1, f->line + k, &out);
+    return in->n >= 3;
+}
+
+/* Takes from piece number `which` what the facet hides. */
+static void subtract(Light *l, uint32_t which, const Facet *f) {
+    Polygon p, in, out;
+    copy(&p, &l->store->piece.data[which]);
+    if (!covered_part(l, f, &p, &in)) return;
+    l->store->piece.data[which].n = 0;
+    for (uint32_t k = 0; k < 3u + f->cut; k++) {
+        split(&p, l->store->segment.data[f->line + k].g, k < 3 ? f->sign[k] : 1, f->line + k, &out);
+        keep(l, &out);
+    }
+}
+
+static bool covers(const Light *l, const Facet *f, const Polygon *p) {
+    for (uint32_t e = 0; e < 3u + f->cut; e++) {
+        const double *g = l->store->segment.data[f->line + e].g, sign = e < 3 ? f->sign[e] : 1;
+        for (uint32_t k = 0; k < p->n; k++)
+            if (!(sign * light_at(g, p->u[k], p->v[k]) >= 0)) return false;
+    }
+    return true;
+}
+
+/* ---- sub-windows */
+
+static bool segment_in(const Segment *s, const Window *w) {
+    bool plus = false, minus = false;
+    for (int i = 0; i < 2; i++)
+        if ((s->end[0][i] < w->lo[i] && s->end[1][i] < w->lo[i]) ||
+            (s->end[0][i] > w->hi[i] && s->end[1][i] > w->hi[i]))
+            return false;
+    for (int k = 0; k < 4; k++) {
+        const double g = light_at(s->g, k & 1 ? w->hi[0] : w->lo[0], k & 2 ? w->hi[1] : w->lo[1]);
+        plus |= g >= 0, minus |= g <= 0;
+    }
+    return plus && minus;
+}
+
+/* List entries from .. to - 1 are segments, or facets, in the window. */
+static void finish(Light *l, uint32_t from, uint32_t to, const Polygon *whole, bool facets) {
+    LightStore *store = l->store;
+    store->piece.n = 0;
+    keep(l, whole);
+    for (uint32_t k = from; k < to; k++)
+        for (uint32_t i = 0, n = store->piece.n; i < n; i++) {
+            if (store->piece.data[i].n < 3) continue;
+            if (facets) subtract(l, i, &store->facet.data[store->list.data[k]]);
+            else cut(l, i, store->list.data[k]);
+        }
+    if (!facets) find_lit(l);
+    for (uint32_t k = from; k < to && facets; k++) {
+        const Facet *f = &store->facet.data[store->list.data[k]];
+        for (uint32_t e = 0; e < 3u + f->cut; e++)
+            if (!ROW_ADD(store->list, f->line + e)) l->lost = true;
+    }
+    if (facets) from = to, to = store->list.n;
+    for (uint32_t i = 0; i < store->piece.n; i++)
+        if (store->piece.data[i].n >= 3 && (facets || store->lit.data[i]))
+            light_add(l, &store->piece.data[i], store->list.data + from, to - from);
+}
+
+static void look(Light *l, uint32_t from, uint32_t to, const Window *w, int halvings, bool facets) {
+    LightStore *store = l->store;
+    const uint32_t kept = store->list.n;
+    const Polygon whole = above(l, w);
+    Polygon in;
+    if (whole.n < 3) return;
+    for (uint32_t k = from; k < to; k++) {
+        const uint32_t i = store->list.data[k];
+        if (facets ? !covered_part(l, &store->facet.data[i], &whole, &in) : !segment_in(&store->segment.data[i], w))
+            continue;
+        if (facets && covers(l, &store->facet.data[i], &whole)) {
+            store->list.n = kept;
+            return;
+        }
+        if (!ROW_ADD(store->list, i)) l->lost = true;
+    }
+    const uint32_t end = store->list.n;
+    if (end - kept <= LIGHT_FEW || halvings == LIGHT_HALVINGS) {
+        finish(l, kept, end, &whole, facets);
+    } else {
+        /* Not in the middle, where edges of symmetric scenes lie. */
+        const int axis = w->hi[0] - w->lo[0] >= w->hi[1] - w->lo[1] ? 0 : 1;
+        const double middle = w->lo[axis] + 0.4897 * (w->hi[axis] - w->lo[axis]);
+        Window half = *w;
+        half.hi[axis] = middle;
+        look(l, kept, end, &half, halvings + 1, facets);
+        half = *w;
+        half.lo[axis] = middle;
+        look(l, kept, end, &half, halvings + 1, facets);
+    }
+    store->list.n = kept;
+}
+
+void light_look(Light *l, bool facets) {
+    LightStore *store = l->store;
+    const uint32_t n = facets ? store->facet.n : store->segment.n;
+    store->list.n = 0;
+    for (uint32_t i = facets ? 0 : LINE_MESH; i < n; i++)
+        if (!ROW_ADD(store->list, i)) l->lost = true;
+    if (!l->lost) look(l, 0, store->list.n, &(Window){{0, 0}, {1, 1}}, 0, facets);
+}
