@@ -150,8 +150,15 @@ static bool asks_rays(const SltScene *s) {
 
 static bool wants_error(const SltJob *j) { return j->error > 0 || j->abs_error > 0; }
 
+/* On meshes marches state too little where two silhouettes meet in a cell: the lattice, whose errors hold, is asked. */
+static bool asks_meshes(const SltScene *s) {
+    for (uint32_t i = 0; i < s->nsites; i++)
+        if (s->site_kind[i] >= SLT_SITE_MESH && s->site_kind[i] <= SLT_SITE_MESH_SHADOW) return true;
+    return false;
+}
+
 bool quadrature_hopes(const SltScene *s, const SltJob *j) {
-    return quadrature_may(s) && (wants_error(j) || !asks_rays(s) || quadrature_marches(s, j));
+    return quadrature_may(s) && !asks_meshes(s) && (wants_error(j) || !asks_rays(s) || quadrature_marches(s, j));
 }
 
 SltEstimator quadrature_choose(const SltScene *s, const SltJob *j, SltStats *stats) {
