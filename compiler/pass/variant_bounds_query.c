@@ -1,6 +1,6 @@
-/* Bounds of queries: the geometry is asked about the box of rays (SLT_QUERY_BLOCKED).
+/* Bounds of queries: the geometry is asked about the box of rays (SLT_QUERY_BLOCKED; of what is met, SLT_QUERY_SURFACE).
  *
- * A witness names a place, and is one number only where no ray meets anything. Whether a ray meets anything, the
+ * A witness names a place, and is one number where no ray meets anything, or all rays meet one face of a mesh. Whether a ray meets anything, the
  * comparison with SLT_WITNESS_NONE, is known where all rays of the box do. The place may jump from one ridge to the
  * next though all rays meet one: what depends on it stays open. */
 #include "compiler/pass/variant_bounds.h"
@@ -23,7 +23,14 @@ static const Inst *search_of(const Inst *i) {
     return NULL;
 }
 
-/* What SLT_QUERY_BLOCKED says of the box of a query's rays. */
+/* Does a geometry know which face all rays of a box meet? */
+static bool names_face(const Boxes *x, const Inst *i) {
+    const Program *p = x->ctx->program;
+    return p && query_rows[i->imm.query.what].role == ROLE_SILHOUETTE &&
+           query_rows[SLT_QUERY_SURFACE].geometries >> p->geometries[i->imm.query.geometry].kind & 1;
+}
+
+/* What the geometry says of the box of a query's rays. */
 static Inst *ask(Boxes *x, Builder *b, const Inst *i) {
     Inst *args[SLT_BOX_ROWS];
     for (uint32_t a = 0; a < SLT_RAY_ROWS; a++) {
@@ -33,7 +40,7 @@ static Inst *ask(Boxes *x, Builder *b, const Inst *i) {
         args[a + SLT_RAY_ROWS] = v.hi ? v.hi : ir_constf(b, NAN);
     }
     Imm imm = i->imm;
-    imm.query.what = SLT_QUERY_BLOCKED;
+    imm.query.what = names_face(x, i) ? SLT_QUERY_SURFACE : SLT_QUERY_BLOCKED;
     return ir_special(b, OP_query, TY_INT, SLT_BOX_ROWS, args, imm);
 }
 
@@ -50,13 +57,19 @@ void bounds_query(Boxes *x, Builder *b, const Inst *i) {
     v->is.lo = bounds_choose(b, free, none, whole.lo);
     v->is.hi = bounds_choose(b, free, none, whole.hi);
     v->open = open_where(b, free, NULL, v->open);
+    if (!names_face(x, i)) return;
+    Inst *first = ir_consti(b, SLT_RAYS_FACE), *one = bounds_op2(b, OP_ile, first, answer),
+         *face = bounds_op2(b, OP_isub, answer, first);
+    v->is.lo = bounds_choose(b, one, face, v->is.lo);
+    v->is.hi = bounds_choose(b, one, face, v->is.hi);
+    v->open = open_where(b, one, NULL, v->open);
 }
 
 bool bounds_found(Boxes *x, Builder *b, const Inst *i) {
     const Inst *search = search_of(i);
     if (!search) return false;
-    Inst *answer = x->answer[search->id], *all = is(b, answer, SLT_RAYS_BLOCKED),
-         *some = bounds_not(b, is(b, answer, SLT_RAYS_FREE));
+    Inst *answer = x->answer[search->id], *some = bounds_not(b, is(b, answer, SLT_RAYS_FREE)),
+         *all = bounds_and(b, some, bounds_not(b, is(b, answer, SLT_RAYS_EITHER)));
     Boxed v = {.is = {all, some}};
     if (i->op == OP_ieq) v.is = (Bound){bounds_not(b, some), bounds_not(b, all)};
     v.open = open_where(b, bounds_undecided(b, v.is), ir_consti(b, OPEN_JUMP), NULL);

@@ -137,7 +137,7 @@ Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats) 
 }
 
 bool quadrature_marches(const SltScene *s, const SltJob *j) {
-    return prove_only_shadows(s) && j->integral && s->dim == 2;
+    return prove_settles_rays(s) && j->integral && s->dim == 2;
 }
 
 /* Does f hang on rays? Bounds of these settle much and make no curves: the lattice says more for the same evaluations,

@@ -19,6 +19,15 @@ bool prove_only_shadows(const SltScene *s) {
     return shadows;
 }
 
+bool prove_settles_rays(const SltScene *s) {
+    bool rays = false;
+    for (uint32_t i = 0; i < s->nsites; i++) {
+        if (s->site_kind[i] == SLT_SITE_SILHOUETTE) return false;
+        rays |= s->site_kind[i] >= SLT_SITE_SHADOW && s->site_kind[i] <= SLT_SITE_MESH_SHADOW;
+    }
+    return rays;
+}
+
 bool prove_serves(const SltScene *s) { return prove_only_shadows(s) && s->kernel[SLT_K_BOUNDS]; }
 
 bool prove_is_settled(const Batch *b, uint32_t i) {

@@ -13,6 +13,8 @@
 
 /* Are there sites of rays, and all of them shadows? */
 bool prove_only_shadows(const SltScene *s);
+/* Are there sites of rays, and do bounds settle boxes of all of them? */
+bool prove_settles_rays(const SltScene *s);
 /* Can bounds prove lines of this scene? Its sites of rays are shadows: which ridge a ray meets is never settled, so
  * beside silhouettes bounds would cost and prove nothing. */
 bool prove_serves(const SltScene *s);

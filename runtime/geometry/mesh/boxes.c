@@ -1,6 +1,7 @@
 /* None of them meets anything if each triangle lies beside all of them, or before or behind. All of them meet something
  * if the middle one meets a triangle and no ray can leave what is around it: a set of triangles, each of which all rays
- * see from one side and within their ends, is closed but at edges that all rays pass on the inner side. */
+ * see from one side and within their ends, is closed but at edges that all rays pass on the inner side. If it is one
+ * triangle, and each other lies beside all rays or behind it, it is the one that all of them meet. */
 #include "boxes.h"
 
 #include <math.h>
@@ -59,7 +60,8 @@ static int sign_of(Range a) { return a.lo > 0 ? 1 : a.hi < 0 ? -1 : 0; }
 typedef struct Seen {
     int facing;    /* sign of d . normal */
     int edge[3];   /* the sign of d . (P x (Q - P)), of the edge from corner k to the next */
-    int near, far; /* whether the rays' ends lie before (1) or behind (-1) its plane, along the normal */
+    Range height, speed; /* of its plane above the origins, along the normal, and of the rays: t is their quotient */
+    int near, far;       /* whether the rays' ends lie before (1) or behind (-1) its plane, along the normal */
 } Seen;
 
 static Seen look(const Box *b, int32_t face) {
@@ -80,14 +82,14 @@ static Seen look(const Box *b, int32_t face) {
     Range from[3][3];
     for (int k = 0; k < 3; k++)
         for (int a = 0; a < 3; a++) from[k][a] = minus(at[k][a], b->o[a]);
-    Seen s = {.facing = sign_of(dot(b->d, normal))};
+    Seen s = {.height = dot(from[0], normal), .speed = dot(b->d, normal)};
+    s.facing = sign_of(s.speed);
     for (int k = 0; k < 3; k++) {
         cross(from[k], along[k], n);
         s.edge[k] = sign_of(dot(b->d, n));
     }
-    Range height = dot(from[0], normal), speed = dot(b->d, normal);
-    s.near = sign_of(minus(height, times(b->t0, speed)));
-    s.far = sign_of(minus(height, times(b->t1, speed)));
+    s.near = sign_of(minus(s.height, times(b->t0, s.speed)));
+    s.far = sign_of(minus(s.height, times(b->t1, s.speed)));
     return s;
 }
 
@@ -160,19 +162,21 @@ static bool may_enter(const Box *b, const BvhNode *node, int k) {
     return from <= to;
 }
 
-static bool leaf_is_free(const Box *b, int32_t leaf) {
+/* Of the triangles of a leaf but one. */
+static bool leaf_is_free(const Box *b, int32_t leaf, int32_t but) {
     for (int k = 0; k < BVH_LEAF; k++) {
         const Bvh *t = b->scene->bvh;
         const int32_t face =
             t->f64 ? ((const BvhLeaf64 *)t->leaf)[leaf].triangle[k] : ((const BvhLeaf32 *)t->leaf)[leaf].triangle[k];
-        if (face < 0) continue;
+        if (face < 0 || face == but) continue;
         const Seen s = look(b, face);
         if (!is_beside(&s)) return false;
     }
     return true;
 }
 
-static bool is_free(const Box *b) {
+/* Do rays meet nothing, or but this face? */
+static bool is_free(const Box *b, int32_t but) {
     int32_t stack[BVH_STACK];
     uint32_t depth = 1;
     stack[0] = 0;
@@ -181,10 +185,30 @@ static bool is_free(const Box *b) {
         for (int k = 0; k < BVH_WIDTH; k++) {
             if (!may_enter(b, node, k)) continue;
             if (node->child[k] >= 0) stack[depth++] = node->child[k];
-            else if (!leaf_is_free(b, ~node->child[k])) return false;
+            else if (!leaf_is_free(b, ~node->child[k], but)) return false;
         }
     }
     return true;
+}
+
+/* ---- one face */
+
+/* The t at which rays meet the plane of a face that all of them see from one side, but for rounding. */
+static Range reach(const Box *b, const Seen *s) {
+    const Range inverse = widened(1 / s->speed.hi, 1 / s->speed.lo), t = times(s->height, inverse);
+    const double wide = ROUNDED(b->mesh->f64) * fmax(fabs(t.lo), fabs(t.hi));
+    return widened(t.lo - wide, t.hi + wide);
+}
+
+/* Do all rays meet this face, and nothing before it? */
+static bool is_nearest(const Box *b, int32_t face) {
+    const Seen s = look(b, face);
+    if (!is_between_ends(&s)) return false;
+    for (int k = 0; k < 3; k++)
+        if (s.edge[k] != s.facing) return false;
+    Box before = *b;
+    before.t1.lo = before.t1.hi = fmin(b->t1.hi, reach(b, &s).hi);
+    return is_free(&before, face);
 }
 
 /* ---- the question */
@@ -229,12 +253,14 @@ static int32_t middle(const Box *b, BvhSearch *search) {
 }
 
 void boxes_decide(const BvhScene *s, const WalkMesh *mesh, BvhSearch *search, const void *rays, uint64_t mask,
-                  uint32_t width, int32_t *witness) {
+                  uint32_t width, bool names, int32_t *witness) {
     for (uint32_t k = 0; k < width; k++) {
         Box b = {.scene = s, .mesh = mesh};
         witness[k] = SLT_RAYS_EITHER;
         if (!(mask >> k & 1) || !box_of(&b, rays, width, k)) continue;
         int32_t face = middle(&b, search);
-        if (face >= 0 ? is_covered(&b, face) : is_free(&b)) witness[k] = face >= 0 ? SLT_RAYS_BLOCKED : SLT_RAYS_FREE;
+        if (face < 0) witness[k] = is_free(&b, face) ? SLT_RAYS_FREE : SLT_RAYS_EITHER;
+        else if (names && face < INT32_MAX - SLT_RAYS_FACE && is_nearest(&b, face)) witness[k] = face + SLT_RAYS_FACE;
+        else if (is_covered(&b, face)) witness[k] = SLT_RAYS_BLOCKED;
     }
 }

@@ -6,8 +6,9 @@
 #include "rays.h"
 #include "walk.h"
 
-/* rays: rows of a BOX (saltus/query.h); search: what rays are searched with; mesh->adjacency may be NULL. */
+/* rays: rows of a BOX (saltus/query.h); search: what rays are searched with; mesh->adjacency may be NULL; names: which
+ * face is wanted, too (SLT_QUERY_SURFACE). */
 void boxes_decide(const BvhScene *s, const WalkMesh *mesh, BvhSearch *search, const void *rays, uint64_t mask,
-                  uint32_t width, int32_t *witness);
+                  uint32_t width, bool names, int32_t *witness);
 
 #endif

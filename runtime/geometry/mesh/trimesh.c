@@ -130,13 +130,21 @@ static void blocked(const SltGeometry *g, const void *values, const void *rays, 
     const Trimesh *m = g->made;
     const BvhScene s = scene_of(g, values);
     const WalkMesh w = walk_mesh(m, values);
-    boxes_decide(&s, &w, m->rays->by[m->from.f64], rays, mask, width, witness);
+    boxes_decide(&s, &w, m->rays->by[m->from.f64], rays, mask, width, false, witness);
+}
+
+static void surface(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
+                    int32_t *witness) {
+    const Trimesh *m = g->made;
+    const BvhScene s = scene_of(g, values);
+    const WalkMesh w = walk_mesh(m, values);
+    boxes_decide(&s, &w, m->rays->by[m->from.f64], rays, mask, width, true, witness);
 }
 
 /* ---- the seam */
 
 static const uint32_t searching = 1u << SLT_QUERY_TRACE | 1u << SLT_QUERY_OCCLUDED | 1u << SLT_QUERY_PIECES |
-                                  1u << SLT_QUERY_SEEN | 1u << SLT_QUERY_BLOCKED;
+                                  1u << SLT_QUERY_SEEN | 1u << SLT_QUERY_BLOCKED | 1u << SLT_QUERY_SURFACE;
 
 static void release(SltGeometry *g) {
     Trimesh *m = (Trimesh *)g;
@@ -184,6 +192,7 @@ SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void
         m->base.shared.query[SLT_QUERY_TRACE] = trace;
         m->base.shared.query[SLT_QUERY_OCCLUDED] = occluded;
         m->base.shared.query[SLT_QUERY_BLOCKED] = blocked;
+        m->base.shared.query[SLT_QUERY_SURFACE] = surface;
         m->base.shared.query[SLT_QUERY_PIECES] = m->has_adjacency ? pieces : NULL;
         m->base.shared.query[SLT_QUERY_SEEN] = seen;
     }
