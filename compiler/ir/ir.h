@@ -66,6 +66,7 @@ static inline bool ir_site_of_ray(SiteKind kind) {
     return kind == SITE_SILHOUETTE || kind == SITE_SHADOW || ir_site_of_mesh(kind);
 }
 
+#define IR_ALONG_SURFACE 1   /* imm.i of a detach whose value is continuous from face to face of a surface */
 #define IR_IF_RARE 1         /* imm.i of an if_ whose condition hardly ever holds: always a real branch */
 #define IR_MAX_OPS (1u << 18)
 #define IR_MAX_PLACES 16 /* of a value that chunks hand to each other: ends and more, of it and of its derivatives */

@@ -8,6 +8,7 @@
  *   variant_bounds_error.c   how far a value as computed is from what exact arithmetic gives
  *   variant_bounds_flow.c    if_ and loop
  *   variant_bounds_query.c   queries along rays
+ *   variant_bounds_surface.c what is continuous along a surface of several faces
  *   variant_bounds_array.c   arrays, and parameters at an index that is not one number
  *
  * Every value of the source becomes a Boxed: bounds (ir/bounds.h), and a set, `open`, of what the value hangs on that
@@ -152,9 +153,25 @@ void bounds_if(Boxes *x, Builder *b, const Inst *i);
 void bounds_loop(Boxes *x, Builder *b, const Inst *i);
 
 /* variant_bounds_query.c */
+/* Of a comparison "does this ray meet anything": the query; else NULL. */
+const Inst *bounds_search_of(const Inst *i);
+/* Does a geometry know which faces all rays of a box meet? */
+bool bounds_names_face(const Boxes *x, const Inst *search);
+/* What the geometry says of the box of a query's rays; which: the number of a face of the patch that they meet, or
+ * NULL. */
+Inst *bounds_ask(Boxes *x, Builder *b, const Inst *search, Inst *which);
 void bounds_query(Boxes *x, Builder *b, const Inst *i);
 /* Bounds of a comparison that asks whether a ray meets anything; false: it is another one. */
 bool bounds_found(Boxes *x, Builder *b, const Inst *i);
+
+/* variant_bounds_surface.c */
+/* Does what a ray meets jump for nobody where it goes from one face of a surface to the next? */
+bool bounds_is_surface(const Boxes *x, const Inst *search);
+/* Do all rays meet one patch of several faces? Of what hangs on it the set is this. */
+Inst *bounds_is_patch(Builder *b, Inst *answer);
+Inst *bounds_bends(const Boxes *x, Builder *b, const Inst *search);
+/* Where they do, a value that is continuous along surfaces (IR_ALONG_SURFACE); elsewhere what it is computed from. */
+void bounds_along(Boxes *x, Builder *b, const Inst *i);
 
 /* variant_bounds_array.c */
 void bounds_alloc(Boxes *x, Builder *b, const Inst *i);

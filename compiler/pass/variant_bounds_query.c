@@ -13,8 +13,7 @@ static bool is_search(const Inst *i) {
     return role == ROLE_SILHOUETTE || role == ROLE_SHADOW;
 }
 
-/* Of a comparison "does this ray meet anything": the query; else NULL. */
-static const Inst *search_of(const Inst *i) {
+const Inst *bounds_search_of(const Inst *i) {
     if (i->op != OP_ine && i->op != OP_ieq) return NULL;
     for (uint32_t a = 0; a < 2; a++) {
         const Inst *none = i->args[1 - a];
@@ -23,24 +22,23 @@ static const Inst *search_of(const Inst *i) {
     return NULL;
 }
 
-/* Does a geometry know which face all rays of a box meet? */
-static bool names_face(const Boxes *x, const Inst *i) {
+bool bounds_names_face(const Boxes *x, const Inst *i) {
     const Program *p = x->ctx->program;
     return p && query_rows[i->imm.query.what].role == ROLE_SILHOUETTE &&
            query_rows[SLT_QUERY_SURFACE].geometries >> p->geometries[i->imm.query.geometry].kind & 1;
 }
 
-/* What the geometry says of the box of a query's rays. */
-static Inst *ask(Boxes *x, Builder *b, const Inst *i) {
+Inst *bounds_ask(Boxes *x, Builder *b, const Inst *i, Inst *which) {
     Inst *args[SLT_BOX_ROWS];
     for (uint32_t a = 0; a < SLT_RAY_ROWS; a++) {
         Bound v = {0};
         if (a < i->nargs) v = ir_bound_ends(b, x->value[i->args[a]->id].is);
+        if (a == SLT_RAY_LIFT && which) v.lo = which;
         args[a] = v.lo ? v.lo : ir_constf(b, NAN);
         args[a + SLT_RAY_ROWS] = v.hi ? v.hi : ir_constf(b, NAN);
     }
     Imm imm = i->imm;
-    imm.query.what = names_face(x, i) ? SLT_QUERY_SURFACE : SLT_QUERY_BLOCKED;
+    imm.query.what = bounds_names_face(x, i) ? SLT_QUERY_SURFACE : SLT_QUERY_BLOCKED;
     return ir_special(b, OP_query, TY_INT, SLT_BOX_ROWS, args, imm);
 }
 
@@ -52,21 +50,22 @@ void bounds_query(Boxes *x, Builder *b, const Inst *i) {
     *v = (Boxed){.is = whole, .open = ir_consti(b, OPEN_JUMP)};
     if (!is_search(i)) return;
     /* The answer is found again behind the witness's ends (bounds_found). */
-    Inst *answer = ask(x, b, i), *free = is(b, answer, SLT_RAYS_FREE), *none = ir_consti(b, SLT_WITNESS_NONE);
+    Inst *answer = bounds_ask(x, b, i, NULL), *free = is(b, answer, SLT_RAYS_FREE), *none = ir_consti(b, SLT_WITNESS_NONE);
     x->answer[i->id] = answer;
     v->is.lo = bounds_choose(b, free, none, whole.lo);
     v->is.hi = bounds_choose(b, free, none, whole.hi);
     v->open = open_where(b, free, NULL, v->open);
-    if (!names_face(x, i)) return;
+    if (!bounds_names_face(x, i)) return;
     Inst *first = ir_consti(b, SLT_RAYS_FACE), *one = bounds_op2(b, OP_ile, first, answer),
          *face = bounds_op2(b, OP_isub, answer, first);
     v->is.lo = bounds_choose(b, one, face, v->is.lo);
     v->is.hi = bounds_choose(b, one, face, v->is.hi);
     v->open = open_where(b, one, NULL, v->open);
+    if (bounds_is_surface(x, i)) v->open = open_where(b, bounds_is_patch(b, answer), bounds_bends(x, b, i), v->open);
 }
 
 bool bounds_found(Boxes *x, Builder *b, const Inst *i) {
-    const Inst *search = search_of(i);
+    const Inst *search = bounds_search_of(i);
     if (!search) return false;
     Inst *answer = x->answer[search->id], *some = bounds_not(b, is(b, answer, SLT_RAYS_FREE)),
          *all = bounds_and(b, some, bounds_not(b, is(b, answer, SLT_RAYS_EITHER)));

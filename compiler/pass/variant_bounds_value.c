@@ -383,7 +383,7 @@ void bounds_value(Boxes *x, Builder *b, const Inst *i) {
     case OP_param:
     case OP_dparam:
     case OP_iparam: bounds_param(x, b, i); return;
-    case OP_detach: x->value[i->id] = value_of(x, i->args[0]); return;
+    case OP_detach: bounds_along(x, b, i); return;
     case OP_site: site_value(x, b, i); return;
     case OP_siten: siten_value(x, b, i); return;
     case OP_fsel:

@@ -46,7 +46,7 @@ enum {
  * local maximum of k after t0, before t1: an edge, AT_T0 if k falls from t0 on, or AT_T1 if it rises up to t1. The top
  * of what a ray blocked at t0 runs into
  * BLOCKED     of a box of rays: whether TRACE finds a point for all of them, for none, or that is not known
- * SURFACE     BLOCKED, and which face it is that TRACE finds for all of them
+ * SURFACE     BLOCKED, and which face it is that TRACE finds for all of them, or of which neighbouring ones
  * BEGIN       0, and what the thread was told of pieces is forgotten: before the first PIECES of a vector of samples
  * PIECES      what is seen through a window: the unit of the first piece (saltus/mesh.h) in SltToldFn, 0 for none
  * SEEN        PIECES whose sides are not told
@@ -90,8 +90,10 @@ enum {
 /* Answers of BLOCKED. Of FREE and BLOCKED every ray of the box, decided by TRACE or OCCLUDED, is a case; EITHER says
  * nothing. */
 enum { SLT_RAYS_FREE = SLT_WITNESS_NONE, SLT_RAYS_BLOCKED = 0, SLT_RAYS_EITHER = 1 };
-/* SURFACE: of all rays of the box TRACE finds the face that is the answer less this. */
-enum { SLT_RAYS_FACE = 2 };
+/* SURFACE: of all rays of the box TRACE finds the face that is the answer less FACE; or one of PATCH less the answer
+ * neighbouring faces, which all rays see from one side. Which these are is told where the number of one of them, from 1
+ * on, is the least LIFT. */
+enum { SLT_RAYS_FACE = 2, SLT_RAYS_PATCH = -1, SLT_RAYS_PATCH_MOST = 24 };
 
 struct SltGeometry;
 /* Answers one query for `width` <= 64 rays into witness[width]; lanes outside mask get NONE. values: the geometry's

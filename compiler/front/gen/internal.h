@@ -183,6 +183,7 @@ typedef struct Lower {
     Vec(Derived) derived;
     Vec(Surface) surfaces;
     Vec(Clearance) clearances;
+    Vec(Val) met; /* MeshHits as rays have met them */
     uint32_t nops, nloops;
     uint32_t depth;  /* regions around this place */
     bool in_tangent; /* in a function that [Tangent] names: no sites, no records */

@@ -50,13 +50,21 @@ static Inst *corner_uv(Lower *l, const Symbol *sym, Inst *tri, uint32_t k, uint3
     return add(l, part[0], part[1]);
 }
 
+/* A number that is continuous where rays go from one face of a surface to the next, though it is computed from the face:
+ * bounds look for this form (pass/variant_bounds_surface.c). id: what the query found. */
+static Inst *along_surface(Lower *l, Inst *id, Inst *value) {
+    Inst *held = sel(l, gen_found(l, id), value, kf(l, 0));
+    return special(l, OP_detach, TY_FLT, 1, &held, (Imm){.i = IR_ALONG_SURFACE});
+}
+
 /* What a ray meets. */
 typedef struct Met {
     Inst *t, *weight[3]; /* of the corners; their sum is 1 */
     Vec3 corner[3];
 } Met;
 
-static Met meet(Lower *l, const Symbol *sym, const Val *o, const Val *d, Inst *found, Inst *tri) {
+static Met meet(Lower *l, const Symbol *sym, const Val *o, const Val *d, Inst *id, Inst *found,
+                Inst *tri) {
     Met m;
     Vec3 from[3], normal;
     corners(l, sym, tri, m.corner);
@@ -74,7 +82,7 @@ static Met meet(Lower *l, const Symbol *sym, const Val *o, const Val *d, Inst *f
     /* The bounds are for rounding alone: where all corners have one t, as faces square to the ray have, the derivative
      * is that of the mean all the same. */
     Inst *mean = op2(l, OP_fdiv, at, whole), *bounded = op2(l, OP_fmin, op2(l, OP_fmax, mean, low), high);
-    m.t = add(l, op1(l, OP_detach, bounded), op1(l, OP_ghost, mean));
+    m.t = add(l, along_surface(l, id, bounded), op1(l, OP_ghost, mean));
     for (int k = 0; k < 3; k++) m.weight[k] = op2(l, OP_fdiv, m.weight[k], whole);
     return m;
 }
@@ -99,7 +107,7 @@ static First first_of(Lower *l, const Symbol *sym, const Ray *r, const Val *o, c
     f.hit = gen_found(l, f.id);
     f.tri = op2(l, OP_imin, op2(l, OP_imax, f.id, ki(l, 0)), ki(l, (int64_t)sym->nfaces - 1));
     range_set(l, f.tri, 0, (int64_t)sym->nfaces - 1);
-    f.met = meet(l, sym, o, d, f.hit, f.tri);
+    f.met = meet(l, sym, o, d, f.id, f.hit, f.tri);
     return f;
 }
 
@@ -129,6 +137,7 @@ static Val trace(Lower *l, Expr *e, const Symbol *sym, const Ray *r, const Val *
     v.c[10] = sel(l, hit_face, tri, ki(l, -1));
     v.c[11] = sel(l, hit, of_triangle(l, sym, sym->nfaces * SLT_MESH_FACE, SLT_MESH_PART, 0, tri), ki(l, -1));
     v.c[12] = f->id;
+    vec_push(l->arena, &l->met, v);
     return v;
 }
 
@@ -385,12 +394,25 @@ static void want_exact_numbers(Lower *l, const Symbol *sym) {
 
 enum { HIT_HIT = 0, HIT_P = 2, HIT_FACE = 12 }; /* among the parts of a MeshHit */
 
-/* Normals of the corners, weighted by the areas that p cuts the triangle into. */
+/* Is it what a ray has met, with its point as it was? Then the normal does not jump from face to face. */
+static bool is_met(const Lower *l, const Val *hit) {
+    for (uint32_t i = 0; i < l->met.len; i++) {
+        const Val *v = &l->met.data[i];
+        bool same = v->c[HIT_FACE] == hit->c[HIT_FACE];
+        for (int a = 0; a < 3; a++) same &= v->c[HIT_P + a] == hit->c[HIT_P + a];
+        if (same) return true;
+    }
+    return false;
+}
+
+/* Normals of the corners, weighted by the areas that p cuts the triangle into, which sum to 1: that of the first and the
+ * others' differences, which are small where a surface bends little, also for bounds. */
 static Val smooth_normal(Lower *l, Expr *e, const Symbol *sym) {
     Val v = val_new(l, e->type), hit = gen_expr(l, e->args[0]);
     Inst *found = op2(l, OP_band, hit.c[HIT_HIT], op2(l, OP_ile, ki(l, 0), hit.c[HIT_FACE])),
-         *tri = triangle_in(l, sym, hit.c[HIT_FACE]), *sum[3] = {kf(l, 0), kf(l, 0), kf(l, 0)};
-    Vec3 corner[3], from[3], p, q, across, part, normal;
+         *tri = triangle_in(l, sym, hit.c[HIT_FACE]), *sum[3];
+    const bool met = is_met(l, &hit);
+    Vec3 corner[3], from[3], p, q, across, part, normal[3];
     corners(l, sym, tri, corner);
     minus(l, corner[1], corner[0], p);
     minus(l, corner[2], corner[0], q);
@@ -398,14 +420,24 @@ static Val smooth_normal(Lower *l, Expr *e, const Symbol *sym) {
     Inst *whole = dot_n(l, across, across, 3), *real = op2(l, OP_fne, whole, kf(l, 0));
     for (int k = 0; k < 3; k++) minus(l, corner[k], hit.c + HIT_P, from[k]);
     for (uint32_t k = 0; k < 3; k++) {
+        of_vertex(l, sym, gen_normals(l, sym), of_triangle(l, sym, 0, SLT_MESH_FACE, k, tri), normal[k]);
+        for (int a = 0; a < 3 && !k; a++) sum[a] = normal[0][a];
+        if (!k) continue;
         cross(l, from[(k + 1) % 3], from[(k + 2) % 3], part);
         Inst *area = op2(l, OP_fdiv, dot_n(l, part, across, 3), sel(l, real, whole, kf(l, 1)));
-        of_vertex(l, sym, gen_normals(l, sym), of_triangle(l, sym, 0, SLT_MESH_FACE, k, tri), normal);
-        for (int a = 0; a < 3; a++) sum[a] = add(l, sum[a], mul(l, area, normal[a]));
+        if (met) { /* within, but for rounding */
+            Inst *held = op2(l, OP_fmin, op2(l, OP_fmax, area, kf(l, 0)), kf(l, 1));
+            area = add(l, op1(l, OP_detach, held), op1(l, OP_ghost, area));
+        }
+        for (int a = 0; a < 3; a++)
+            sum[a] = add(l, sum[a], mul(l, area, sub(l, normal[k][a], normal[0][a])));
     }
     Inst *square = dot_n(l, sum, sum, 3), *some = op2(l, OP_band, found, op2(l, OP_fne, square, kf(l, 0))),
          *length = op1(l, OP_fsqrt, sel(l, some, square, kf(l, 1)));
-    for (int a = 0; a < 3; a++) v.c[a] = sel(l, some, op2(l, OP_fdiv, sum[a], length), kf(l, 0));
+    for (int a = 0; a < 3; a++) {
+        Inst *n = v.c[a] = sel(l, some, op2(l, OP_fdiv, sum[a], length), kf(l, 0));
+        if (met) v.c[a] = add(l, along_surface(l, hit.c[HIT_FACE], n), op1(l, OP_ghost, n));
+    }
     return v;
 }
 

@@ -1,7 +1,7 @@
 /* None of them meets anything if each triangle lies beside all of them, or before or behind. All of them meet something
  * if the middle one meets a triangle and no ray can leave what is around it: a set of triangles, each of which all rays
- * see from one side and within their ends, is closed but at edges that all rays pass on the inner side. If it is one
- * triangle, and each other lies beside all rays or behind it, it is the one that all of them meet. */
+ * see from one side and within their ends, is closed but at edges that all rays pass on the inner side. If every other
+ * triangle lies beside all rays or behind the set, this is the surface that all of them meet. */
 #include "boxes.h"
 
 #include <math.h>
@@ -10,7 +10,7 @@
 #include "saltus/mesh.h"
 #include "saltus/query.h"
 
-enum { PATCH = 24 }; /* triangles around a ray, at most */
+enum { PATCH = SLT_RAYS_PATCH_MOST }; /* triangles around a ray, at most */
 /* Rays see a corner, less their origin and sheared, where it is but for 6 roundings of its largest coordinate; f64 edge
  * functions are rounded as well (rays.inc.h). */
 #define ROUNDED(f64) ((f64) ? 0x1p-49 : 0x1p-21)
@@ -114,24 +114,28 @@ static bool is_opposite(const WalkMesh *m, int32_t face, int k, int32_t half) {
     return m->face[3 * (size_t)face + (size_t)k] != m->face[half];
 }
 
-static bool is_covered(const Box *b, int32_t face) {
-    int32_t patch[PATCH];
+/* Triangles around the middle ray, all seen from one side. */
+typedef struct Patch {
+    uint32_t n;
+    int32_t face[PATCH];
     int facing[PATCH];
-    uint32_t n = 1;
-    patch[0] = face, facing[0] = look(b, face).facing;
-    for (uint32_t i = 0; i < n; i++) {
-        const Seen s = look(b, patch[i]);
-        if (!is_between_ends(&s) || s.facing != facing[i]) return false;
+} Patch;
+
+static bool is_covered(const Box *b, int32_t face, Patch *p) {
+    p->n = 1, p->face[0] = face, p->facing[0] = look(b, face).facing;
+    for (uint32_t i = 0; i < p->n; i++) {
+        const Seen s = look(b, p->face[i]);
+        if (!is_between_ends(&s) || s.facing != p->facing[i]) return false;
         for (int k = 0; k < 3; k++) {
             if (s.edge[k] == s.facing) continue;
             if (s.edge[k] == -s.facing && i == 0) return false;
             if (!b->mesh->adjacency) return false;
-            int32_t half = b->mesh->adjacency->across[3 * (size_t)patch[i] + (size_t)k];
+            int32_t half = b->mesh->adjacency->across[3 * (size_t)p->face[i] + (size_t)k];
             if (half < 0) return false;
-            if (is_in(patch, n, half / 3)) continue;
-            if (n == PATCH) return false;
-            facing[n] = is_opposite(b->mesh, patch[i], k, half) ? s.facing : -s.facing;
-            patch[n++] = half / 3;
+            if (is_in(p->face, p->n, half / 3)) continue;
+            if (p->n == PATCH) return false;
+            p->facing[p->n] = is_opposite(b->mesh, p->face[i], k, half) ? s.facing : -s.facing;
+            p->face[p->n++] = half / 3;
         }
     }
     return true;
@@ -162,21 +166,21 @@ static bool may_enter(const Box *b, const BvhNode *node, int k) {
     return from <= to;
 }
 
-/* Of the triangles of a leaf but one. */
-static bool leaf_is_free(const Box *b, int32_t leaf, int32_t but) {
+/* Of the triangles of a leaf but a patch. */
+static bool leaf_is_free(const Box *b, int32_t leaf, const Patch *but) {
     for (int k = 0; k < BVH_LEAF; k++) {
         const Bvh *t = b->scene->bvh;
         const int32_t face =
             t->f64 ? ((const BvhLeaf64 *)t->leaf)[leaf].triangle[k] : ((const BvhLeaf32 *)t->leaf)[leaf].triangle[k];
-        if (face < 0 || face == but) continue;
+        if (face < 0 || is_in(but->face, but->n, face)) continue;
         const Seen s = look(b, face);
         if (!is_beside(&s)) return false;
     }
     return true;
 }
 
-/* Do rays meet nothing, or but this face? */
-static bool is_free(const Box *b, int32_t but) {
+/* Do rays meet nothing, or but these triangles? */
+static bool is_free(const Box *b, const Patch *but) {
     int32_t stack[BVH_STACK];
     uint32_t depth = 1;
     stack[0] = 0;
@@ -191,7 +195,7 @@ static bool is_free(const Box *b, int32_t but) {
     return true;
 }
 
-/* ---- one face */
+/* ---- what is met first */
 
 /* The t at which rays meet the plane of a face that all of them see from one side, but for rounding. */
 static Range reach(const Box *b, const Seen *s) {
@@ -200,15 +204,40 @@ static Range reach(const Box *b, const Seen *s) {
     return widened(t.lo - wide, t.hi + wide);
 }
 
-/* Do all rays meet this face, and nothing before it? */
-static bool is_nearest(const Box *b, int32_t face) {
-    const Seen s = look(b, face);
-    if (!is_between_ends(&s)) return false;
-    for (int k = 0; k < 3; k++)
-        if (s.edge[k] != s.facing) return false;
+/* Does nothing lie before a patch that covers the box? */
+static bool is_nearest(const Box *b, const Patch *p) {
     Box before = *b;
-    before.t1.lo = before.t1.hi = fmin(b->t1.hi, reach(b, &s).hi);
-    return is_free(&before, face);
+    double farthest = 0;
+    for (uint32_t i = 0; i < p->n; i++) {
+        const Seen s = look(b, p->face[i]);
+        farthest = fmax(farthest, reach(b, &s).hi);
+    }
+    before.t1.lo = before.t1.hi = fmin(b->t1.hi, farthest);
+    return is_free(&before, p);
+}
+
+/* A patch that covers the box lies over it as often everywhere as over the middle: once, or it winds around a vertex
+ * more than once. */
+static bool is_single(const Box *b, const Patch *p) {
+    Box at = *b;
+    uint32_t n = 0;
+    for (int a = 0; a < 3; a++) {
+        at.o[a].lo = at.o[a].hi = 0.5 * (b->o[a].lo + b->o[a].hi);
+        at.d[a].lo = at.d[a].hi = 0.5 * (b->d[a].lo + b->d[a].hi);
+    }
+    for (uint32_t i = 0; i < p->n; i++) {
+        const Seen s = look(&at, p->face[i]);
+        n += !is_beside(&s);
+    }
+    return n == 1;
+}
+
+/* Of a patch that covers the box what SLT_QUERY_SURFACE answers; which: 0, or one more than that of a face in it. */
+static int32_t name(const Box *b, const Patch *p, double which) {
+    if (!(which > 0)) which = 0;
+    if (p->face[0] >= INT32_MAX - SLT_RAYS_FACE || !is_nearest(b, p) || !is_single(b, p)) return SLT_RAYS_BLOCKED;
+    if (which == 0 && p->n > 1) return SLT_RAYS_PATCH - (int32_t)p->n;
+    return SLT_RAYS_FACE + p->face[which < 1 || which > p->n ? 0 : (uint32_t)which - 1];
 }
 
 /* ---- the question */
@@ -259,8 +288,9 @@ void boxes_decide(const BvhScene *s, const WalkMesh *mesh, BvhSearch *search, co
         witness[k] = SLT_RAYS_EITHER;
         if (!(mask >> k & 1) || !box_of(&b, rays, width, k)) continue;
         int32_t face = middle(&b, search);
-        if (face < 0) witness[k] = is_free(&b, face) ? SLT_RAYS_FREE : SLT_RAYS_EITHER;
-        else if (names && face < INT32_MAX - SLT_RAYS_FACE && is_nearest(&b, face)) witness[k] = face + SLT_RAYS_FACE;
-        else if (is_covered(&b, face)) witness[k] = SLT_RAYS_BLOCKED;
+        Patch patch = {0};
+        if (face < 0) witness[k] = is_free(&b, &patch) ? SLT_RAYS_FREE : SLT_RAYS_EITHER;
+        else if (!is_covered(&b, face, &patch)) continue;
+        else witness[k] = names ? name(&b, &patch, number(mesh->f64, rays, SLT_RAY_LIFT, width, k)) : SLT_RAYS_BLOCKED;
     }
 }
