@@ -310,7 +310,7 @@ static bool judge(Cells *c, Cell *cell) {
      * it is not, a few levels lead to where it bends. */
     bool rough = bends && cell->nedges < 2;
     rough |= cell->state & SLT_BOX_ROUGH && !cell->nedges;
-    rough &= !cell->refine && cell->bends < (c->dim < 3 ? CELL_BENDS : CELL_BENDS / 2);
+    rough &= !cell->refine && cell->bends < (c->rays ? CELL_BENDS_RAYS : c->dim < 3 ? CELL_BENDS : CELL_BENDS / 2);
     bool unknown = cell->state & SLT_BOX_UNKNOWN || cell->many;
     if (!cell->refine && !unknown && !(c->o->volume ? cell->nedges : sites) && !(rough && c->o->volume)) {
         cell->done = true;
