@@ -22,7 +22,7 @@ bool cells_grow(Cells *c, void *array, uint32_t *cap, uint32_t need, size_t size
     return true;
 }
 
-static bool asks_rays_alone(const SltScene *s) {
+bool cells_ask_rays_alone(const SltScene *s) {
     for (uint32_t i = 0; i < s->nsites; i++)
         if (!cells_is_ray(s, (int32_t)i)) return false;
     return s->nsites > 0;
@@ -38,7 +38,7 @@ Cells *cells_new(Batch *b, const double lo[3], const double hi[3]) {
         c->lo[d] = lo[d], c->hi[d] = hi[d], c->volume *= hi[d] - lo[d];
         c->width = fmax(c->width, hi[d] - lo[d]);
     }
-    c->rays = asks_rays_alone(c->s);
+    c->rays = cells_ask_rays_alone(c->s);
     for (uint32_t e = 0; e < c->s->nedges; e++) c->waves |= cells_is_wave(c->s, (int32_t)e);
     for (uint32_t n = 1; n <= GAUSS_MAX; n++) gauss_rule(&c->of[n], n);
     bool made = lists_init(&c->lists, c->s) && cells_prune_init(c);

@@ -125,6 +125,9 @@ typedef struct CellCounts {
 /* What a cell of 3D costs that is integrated, in parts of what those cost on average that were to be. */
 #define CELL_GOES_OUT 1.5
 
+/* Is every site about a ray? Bounds make no curves of these. */
+bool cells_ask_rays_alone(const SltScene *s);
+
 typedef struct Cells Cells;
 /* b, and what it points to, outlives the Cells. NULL when memory runs out. */
 Cells *cells_new(Batch *b, const double lo[3], const double hi[3]);

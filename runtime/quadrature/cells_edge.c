@@ -412,7 +412,9 @@ void cells_bound_boxes(Cells *c, Cell *cell, uint32_t n, uint32_t few_events) {
         /* Pairs of curves cost more than smaller cells, but around points where many meet. */
         bool few = !cell[i].lonely && !seam && !levels && c->dim == 2;
         uint32_t most = few ? few_events : CELL_EVENTS;
-        cell[i].refine = cell[i].nopen > most || (cell[i].state & SLT_BOX_UNKNOWN && !seam) || ray;
+        /* Of a program that asks rays alone edges may be too large to be bounded: then no seam is a curve. */
+        bool known = !cell[i].nedges || c->s->kernel[SLT_K_EDGE_BOUNDS];
+        cell[i].refine = cell[i].nopen > most || (cell[i].state & SLT_BOX_UNKNOWN && !seam) || ray || !known;
     }
 }
 

@@ -141,7 +141,7 @@ bool quadrature_marches(const SltScene *s, const SltJob *j) {
 }
 
 /* Does f hang on rays? Bounds of these settle much and make no curves: the lattice says more for the same evaluations,
- * but for shadows alone march.c says more still. */
+ * but for shadows alone march.c says more still. Of what rays meet it does so too, but each box takes long. */
 static bool asks_rays(const SltScene *s) {
     for (uint32_t i = 0; i < s->nsites; i++)
         if (s->site_kind[i] >= SLT_SITE_SILHOUETTE && s->site_kind[i] <= SLT_SITE_MESH_SHADOW) return true;
@@ -151,7 +151,7 @@ static bool asks_rays(const SltScene *s) {
 static bool wants_error(const SltJob *j) { return j->error > 0 || j->abs_error > 0; }
 
 bool quadrature_hopes(const SltScene *s, const SltJob *j) {
-    return quadrature_may(s) && (wants_error(j) || !asks_rays(s) || quadrature_marches(s, j));
+    return quadrature_may(s) && (wants_error(j) || !asks_rays(s) || (prove_only_shadows(s) && quadrature_marches(s, j)));
 }
 
 SltEstimator quadrature_choose(const SltScene *s, const SltJob *j, SltStats *stats) {
