@@ -1,8 +1,9 @@
-/* Bounds of queries: the geometry is asked about the box of rays (SLT_QUERY_BLOCKED; of what is met, SLT_QUERY_SURFACE).
+/* Bounds of queries: the geometry is asked about the box of rays (SLT_QUERY_BLOCKED; of what is met,
+ * SLT_QUERY_SURFACE).
  *
- * A witness names a place, and is one number where no ray meets anything, or all rays meet one face of a mesh. Whether a ray meets anything, the
- * comparison with SLT_WITNESS_NONE, is known where all rays of the box do. The place may jump from one ridge to the
- * next though all rays meet one: what depends on it stays open. */
+ * A witness names a place, and is one number where no ray meets anything, or all rays meet one face of a mesh. Whether
+ * a ray meets anything, the comparison with SLT_WITNESS_NONE, is known where all rays of the box do. The place may jump
+ * from one ridge to the next though all rays meet one: what depends on it stays open. */
 #include "compiler/pass/variant_bounds.h"
 
 #include <math.h>
@@ -50,7 +51,8 @@ void bounds_query(Boxes *x, Builder *b, const Inst *i) {
     *v = (Boxed){.is = whole, .open = ir_consti(b, OPEN_JUMP)};
     if (!is_search(i)) return;
     /* The answer is found again behind the witness's ends (bounds_found). */
-    Inst *answer = bounds_ask(x, b, i, NULL), *free = is(b, answer, SLT_RAYS_FREE), *none = ir_consti(b, SLT_WITNESS_NONE);
+    Inst *answer = bounds_ask(x, b, i, NULL), *free = is(b, answer, SLT_RAYS_FREE),
+         *none = ir_consti(b, SLT_WITNESS_NONE);
     x->answer[i->id] = answer;
     v->is.lo = bounds_choose(b, free, none, whole.lo);
     v->is.hi = bounds_choose(b, free, none, whole.hi);

@@ -54,7 +54,8 @@ enum {
     CELL_FEWEST = 3,   /* points that a line through the volume gets, CellOptions.fewer */
     SITE_STRAIGHT = 1, /* g changes along one axis alone */
     SITE_BENT = 2,
-    CELL_BENDS_RAYS = 2, /* as CELL_BENDS, where rays go from face to face of a surface, which bends a little everywhere */
+    CELL_BENDS_RAYS =
+        2,           /* as CELL_BENDS, where rays go from face to face of a surface, which bends a little everywhere */
     CELL_BENDS = 10, /* levels by which a cell is cut further where f or g bends at no seam */
 };
 

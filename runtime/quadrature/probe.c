@@ -151,7 +151,8 @@ static bool asks_rays(const SltScene *s) {
 static bool wants_error(const SltJob *j) { return j->error > 0 || j->abs_error > 0; }
 
 bool quadrature_hopes(const SltScene *s, const SltJob *j) {
-    return quadrature_may(s) && (wants_error(j) || !asks_rays(s) || (prove_only_shadows(s) && quadrature_marches(s, j)));
+    return quadrature_may(s) &&
+           (wants_error(j) || !asks_rays(s) || (prove_only_shadows(s) && quadrature_marches(s, j)));
 }
 
 SltEstimator quadrature_choose(const SltScene *s, const SltJob *j, SltStats *stats) {

@@ -22,7 +22,8 @@ bool quadrature_may(const SltScene *s) {
 
 bool quadrature_can(const SltScene *s) {
     if (!quadrature_may(s) || !s->kernel[SLT_K_BOUNDS]) return false;
-    return !s->nedges || cells_ask_rays_alone(s) || (s->kernel[SLT_K_EDGE] && s->kernel[SLT_K_EDGE_BOUNDS] && s->kernel[SLT_K_SIDES]);
+    return !s->nedges || cells_ask_rays_alone(s) ||
+           (s->kernel[SLT_K_EDGE] && s->kernel[SLT_K_EDGE_BOUNDS] && s->kernel[SLT_K_SIDES]);
 }
 
 bool quadrature_has_boundary(const SltScene *s, SltKernelKind last) {

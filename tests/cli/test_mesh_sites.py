@@ -179,6 +179,36 @@ class MeshSites(Case):
             self.assertGreater(j["settled"], 0.98)
             self.assertLess(j["evaluations"], 400000)
 
+    def test_quadrature_of_what_is_met(self):
+        """Boxes whose rays all meet one face first, or one surface, are settled too: parts, flat and smooth shading are integrated along the lines between them."""
+        text = box()[1] + box((0.9, 0.2), 0.8, (0.9, 0.7, 0.3), 9)[1]
+        scene = {"eye": "3.1, 2.3, 4.2", "to": "-3.1, -2.3, -4.2", "size": "1.2"}
+        for value, piece, parts in (("v.hit ? 1.5 + float(v.part) : 0.0", "1.5 + float(q.part)", (1e-4, 1e-3)),
+                                    ("v.hit ? 0.5 + float(v.part) + v.normal.x : 0.0", "0.5 + float(q.part) + q.normal.x", (8e-4, 1e-3))):
+            self.put("a.obj", text)
+            self.put("m.salt", SEEN % {**scene, "value": value})
+            self.put("p.salt", PIECES % {**scene, "piece": piece})
+            exact = self.json_cli("grad", "p.salt", "--integral", "--samples", "1", "--precision", "f64")
+            for precision, part in zip(("f64", "f32"), parts):
+                j = self.json_cli("grad", "m.salt", "--integral", "--estimator", "quadrature", "--precision", precision)
+                self.near(j["gradient"]["m"], exact["gradient"]["m"], part)
+                self.near([j["gradient"]["eye"]], [exact["gradient"]["eye"]], part)
+                self.assertAlmostEqual(j["integral"][0], exact["integral"][0], delta=1e-4)
+                self.assertGreater(j["settled"], 0.97)
+
+    def test_quadrature_of_surfaces(self):
+        """What is continuous from face to face is settled across their edges, too: the depth of a ball and a smooth shade."""
+        self.put("a.obj", ball(5, 9, 1.0)[1])
+        for value, settled in (("v.hit ? v.t : 4.0", 0.97), ("v.hit ? 0.3 + dot(m.smooth_normal(v), float3(0.5, -0.6, 0.6)) : 0.0", 0.95)):
+            self.put("m.salt", SEEN % {"eye": "3.1, 2.3, 4.2", "to": "-3.1, -2.3, -4.2", "size": "0.6", "value": value})
+            want = self.grad(segments=4194304, precision="f64")
+            for precision in "f64", "f32":
+                j = self.json_cli("grad", "m.salt", "--integral", "--estimator", "quadrature", "--precision", precision)
+                self.near(j["gradient"]["m"], want["gradient"]["m"], 5e-3)
+                self.near([j["gradient"]["eye"]], [want["gradient"]["eye"]], 5e-3)
+                self.assertAlmostEqual(j["integral"][0], want["integral"][0], delta=3e-4)
+                self.assertGreater(j["settled"], settled)
+
     def test_smooth_normals_and_placed_vertices(self):
         """An interpolated normal is continuous over edges: no more crossings than the silhouette's. Vertices that a function places move edges by its parameters."""
         text = ball(12, 24, 0.5)[1]

@@ -50,8 +50,8 @@ static Inst *corner_uv(Lower *l, const Symbol *sym, Inst *tri, uint32_t k, uint3
     return add(l, part[0], part[1]);
 }
 
-/* A number that is continuous where rays go from one face of a surface to the next, though it is computed from the face:
- * bounds look for this form (pass/variant_bounds_surface.c). id: what the query found. */
+/* A number that is continuous where rays go from one face of a surface to the next, though it is computed from the
+ * face: bounds look for this form (pass/variant_bounds_surface.c). id: what the query found. */
 static Inst *along_surface(Lower *l, Inst *id, Inst *value) {
     Inst *held = sel(l, gen_found(l, id), value, kf(l, 0));
     return special(l, OP_detach, TY_FLT, 1, &held, (Imm){.i = IR_ALONG_SURFACE});
@@ -63,8 +63,7 @@ typedef struct Met {
     Vec3 corner[3];
 } Met;
 
-static Met meet(Lower *l, const Symbol *sym, const Val *o, const Val *d, Inst *id, Inst *found,
-                Inst *tri) {
+static Met meet(Lower *l, const Symbol *sym, const Val *o, const Val *d, Inst *id, Inst *found, Inst *tri) {
     Met m;
     Vec3 from[3], normal;
     corners(l, sym, tri, m.corner);
@@ -405,8 +404,8 @@ static bool is_met(const Lower *l, const Val *hit) {
     return false;
 }
 
-/* Normals of the corners, weighted by the areas that p cuts the triangle into, which sum to 1: that of the first and the
- * others' differences, which are small where a surface bends little, also for bounds. */
+/* Normals of the corners, weighted by the areas that p cuts the triangle into, which sum to 1: that of the first and
+ * the others' differences, which are small where a surface bends little, also for bounds. */
 static Val smooth_normal(Lower *l, Expr *e, const Symbol *sym) {
     Val v = val_new(l, e->type), hit = gen_expr(l, e->args[0]);
     Inst *found = op2(l, OP_band, hit.c[HIT_HIT], op2(l, OP_ile, ki(l, 0), hit.c[HIT_FACE])),
@@ -429,8 +428,7 @@ static Val smooth_normal(Lower *l, Expr *e, const Symbol *sym) {
             Inst *held = op2(l, OP_fmin, op2(l, OP_fmax, area, kf(l, 0)), kf(l, 1));
             area = add(l, op1(l, OP_detach, held), op1(l, OP_ghost, area));
         }
-        for (int a = 0; a < 3; a++)
-            sum[a] = add(l, sum[a], mul(l, area, sub(l, normal[k][a], normal[0][a])));
+        for (int a = 0; a < 3; a++) sum[a] = add(l, sum[a], mul(l, area, sub(l, normal[k][a], normal[0][a])));
     }
     Inst *square = dot_n(l, sum, sum, 3), *some = op2(l, OP_band, found, op2(l, OP_fne, square, kf(l, 0))),
          *length = op1(l, OP_fsqrt, sel(l, some, square, kf(l, 1)));

@@ -58,8 +58,8 @@ static int sign_of(Range a) { return a.lo > 0 ? 1 : a.hi < 0 ? -1 : 0; }
 
 /* What is known of a triangle and all rays of the box. */
 typedef struct Seen {
-    int facing;    /* sign of d . normal */
-    int edge[3];   /* the sign of d . (P x (Q - P)), of the edge from corner k to the next */
+    int facing;          /* sign of d . normal */
+    int edge[3];         /* the sign of d . (P x (Q - P)), of the edge from corner k to the next */
     Range height, speed; /* of its plane above the origins, along the normal, and of the rays: t is their quotient */
     int near, far;       /* whether the rays' ends lie before (1) or behind (-1) its plane, along the normal */
 } Seen;
