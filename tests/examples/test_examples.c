@@ -78,7 +78,6 @@ static const Example examples[] = {
     {"kaleidoscope/kaleidoscope.salt", "--precision f64", "48x48", NULL},
     {"kaleidoscope/kaleidoscope.salt", "--entry sites", "48x48", NULL},
     {"displacement/displacement.salt", "--precision f64", "48x48", NULL},
-    {"displacement/displacement.salt", "--entry sites --wrt out_by[9],out_by[84]", "48x48", NULL},
     {"pathtrace/terrain.salt", "--set BOUNCES=1", "24x16", NULL},
     {"pathtrace/soft_sun.salt", "--entry sites --set BOUNCES=0", "24x16", NULL},
     {"pathtrace/soft_sun.salt", "--entry slices --set BOUNCES=0", "24x16", NULL},
