@@ -443,10 +443,10 @@ bool cells_grow(Cells *c, void *array, uint32_t *cap, uint32_t need, size_t size
 #define CELLS_ROOM(c, name, extra)                                                                                     \
     cells_grow(c, &(c)->name, &(c)->name##_cap, (c)->n##name + (extra), sizeof *(c)->name)
 
-/* Is the site about a ray? Of these bounds know whether they are open, and no curve. */
+/* Is the site about a ray over terrain? Of these bounds know whether they are open, and no curve. */
 static inline bool cells_is_ray(const SltScene *s, int32_t site) {
     return (uint32_t)site < s->nsites && s->site_kind[site] >= SLT_SITE_SILHOUETTE &&
-           s->site_kind[site] <= SLT_SITE_MESH_SHADOW;
+           s->site_kind[site] <= SLT_SITE_SHADOW;
 }
 
 /* Is what the edge kernels know of the site levels of a wave, and not its g? */

@@ -10,7 +10,8 @@ enum {
     NARROW = 4,  /* units in the last place from a root to each of its sides, */
     ASIDE = 256, /* and where f is flat, which is the same there: no root is so far from where it was taken to be */
     FAR = 4,     /* and so many times farther f is taken once more where it may be a root there, or steep: */
-    LOOKED = 16  /* of so many roots one is looked at */
+    LOOKED = 16, /* of so many roots one is looked at */
+    RAY = 16     /* bounds of what a g rounds by: within these a ray and its line may disagree */
 };
 #define SURE 0x1p-27     /* parts of a line: so short a step of Newton's method leads to the last floats */
 #define MOST_FAR 0x1p20 /* units from a root to its sides */
@@ -296,10 +297,10 @@ static void call_sides(Cells *c, const uint32_t *active, uint32_t n, double far)
 }
 
 /* The rounding of g matters less than its slope, from the root to both of its sides: what the program decides there is
- * no chance. */
+ * no chance. Rays that meet a mesh are decided by other arithmetic than g, which rounds a few times as much. */
 static bool is_sure(const Root *r, const Sides *s) {
     double reach = smaller(r->x[r->axis] - s->at[0], s->at[1] - r->x[r->axis]);
-    return fabs(r->dg[r->axis]) * reach > 2 * r->of->error;
+    return fabs(r->dg[r->axis]) * reach > (r->of->event.line ? RAY : 2) * r->of->error;
 }
 
 /* Has g the signs that it should have at the sides, as probed? Where the region differs, at those that are no ends of
@@ -309,6 +310,7 @@ static bool has_signs(const Cells *c, const Root *r, const Probe at[2]) {
     const Box *box = root_box(c, r);
     double lo = r->rises * at[0].g, hi = r->rises * at[1].g;
     bool begins = s->at[0] <= box->lo[r->axis], ends = s->at[1] >= box->hi[r->axis];
+    if (r->of->event.line && s->hash[0] == s->hash[1]) return begins && ends; /* not sure */
     if (s->hash[0] != s->hash[1]) return (lo < 0 || begins) && (hi > 0 || ends);
     double noise = cells_nearly_0(c, box, r->of->error, r->dg);
     return (lo < -noise && hi > noise) || (begins && ends);

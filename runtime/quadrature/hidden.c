@@ -55,6 +55,7 @@ static bool read_open(const Batch *b, uint32_t i, Hidden *h) {
         Crossing *c = &h->crossing[h->n];
         *c = (Crossing){.event = {.site = edge, .boundary = first + floor(0.5 * count)}, .base = count, .axis = -1};
         for (uint32_t k = 0; k < depth; k++) c->event.k[k] = batch_get_int(b, SLT_OUT_OPEN_K, e * depth + k, i);
+        batch_read_line(b, e, i, &c->event);
         for (int place = 0; place < PLACES; place++) h->place[place][h->n].range = 0;
         h->cell[h->n++] = (uint8_t)i;
     }

@@ -136,8 +136,15 @@ Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats) 
     return o;
 }
 
+/* Of meshes bounds know the lines, and cells have curves. */
+static bool asks_meshes(const SltScene *s) {
+    for (uint32_t i = 0; i < s->nsites; i++)
+        if (scene_is_of_mesh(s, (int32_t)i)) return true;
+    return false;
+}
+
 bool quadrature_marches(const SltScene *s, const SltJob *j) {
-    return prove_only_shadows(s) && j->integral && s->dim == 2;
+    return prove_only_shadows(s) && !asks_meshes(s) && j->integral && s->dim == 2;
 }
 
 /* Does f hang on rays? Bounds of these settle much and make no curves: the lattice says more for the same evaluations,
@@ -149,13 +156,6 @@ static bool asks_rays(const SltScene *s) {
 }
 
 static bool wants_error(const SltJob *j) { return j->error > 0 || j->abs_error > 0; }
-
-/* On meshes marches state too little where two silhouettes meet in a cell: the lattice, whose errors hold, is asked. */
-static bool asks_meshes(const SltScene *s) {
-    for (uint32_t i = 0; i < s->nsites; i++)
-        if (s->site_kind[i] >= SLT_SITE_MESH && s->site_kind[i] <= SLT_SITE_MESH_SHADOW) return true;
-    return false;
-}
 
 bool quadrature_hopes(const SltScene *s, const SltJob *j) {
     return quadrature_may(s) && !asks_meshes(s) && (wants_error(j) || !asks_rays(s) || quadrature_marches(s, j));

@@ -1,6 +1,13 @@
 /* None of them meets anything if each triangle lies beside all of them, or before or behind. All of them meet something
  * if the middle one meets a triangle and no ray can leave what is around it: a set of triangles, each of which all rays
- * see from one side and within their ends, is closed but at edges that all rays pass on the inner side. */
+ * see from one side and within their ends, is closed but at edges that all rays pass on the inner side.
+ *
+ * Else there are lines between those that do and those that do not. A ray of the box is the last that meets anything
+ * only where it passes an edge, or where a triangle passes one of its ends; and not at an edge where two triangles
+ * meet that all rays see from one side: beyond it they meet the other one. So of all triangles that are not beside the
+ * rays the edges are named that may pass the box and are not of that kind, and the planes that may pass an end. Lines
+ * that parts of the mesh hide, or that end before the box, are among them: across these nothing changes. Where there
+ * is no line all rays are as the middle one is. */
 #include "boxes.h"
 
 #include <math.h>
@@ -9,7 +16,10 @@
 #include "saltus/mesh.h"
 #include "saltus/query.h"
 
-enum { PATCH = 24 }; /* triangles around a ray, at most */
+enum {
+    PATCH = 24, /* triangles around a ray, at most */
+    FACES = 96  /* beside which a box lies, at most, of which lines are looked for */
+};
 /* Rays see a corner, less their origin and sheared, where it is but for 6 roundings of its largest coordinate; f64 edge
  * functions are rounded as well (rays.inc.h). */
 #define ROUNDED(f64) ((f64) ? 0x1p-49 : 0x1p-21)
@@ -58,9 +68,25 @@ static int sign_of(Range a) { return a.lo > 0 ? 1 : a.hi < 0 ? -1 : 0; }
 /* What is known of a triangle and all rays of the box. */
 typedef struct Seen {
     int facing;    /* sign of d . normal */
+    int side;      /* the same of rays that meet it, which do so in front of their origin: that side it lies on, too */
     int edge[3];   /* the sign of d . (P x (Q - P)), of the edge from corner k to the next */
     int near, far; /* whether the rays' ends lie before (1) or behind (-1) its plane, along the normal */
+    bool begin, end;            /* may a ray begin, or end, in the triangle? */
+    bool beside;                /* it lies before all of them, or behind */
 } Seen;
+
+/* Of the rays that meet a triangle: t is between those of its corners, d . (corner - o) / d . d. Not known where d may
+ * be 0. */
+static Range times_of(const Box *b, Range from[3][3]) {
+    const Range square = dot(b->d, b->d);
+    Range t = {INFINITY, -INFINITY};
+    if (!(square.lo > 0)) return (Range){-INFINITY, INFINITY};
+    for (int k = 0; k < 3; k++) {
+        Range at = times(dot(b->d, from[k]), widened(1 / square.hi, 1 / square.lo));
+        t.lo = fmin(t.lo, at.lo), t.hi = fmax(t.hi, at.hi);
+    }
+    return t;
+}
 
 static Seen look(const Box *b, int32_t face) {
     Range at[3][3], along[3][3], normal[3], n[3];
@@ -80,14 +106,20 @@ static Seen look(const Box *b, int32_t face) {
     Range from[3][3];
     for (int k = 0; k < 3; k++)
         for (int a = 0; a < 3; a++) from[k][a] = minus(at[k][a], b->o[a]);
-    Seen s = {.facing = sign_of(dot(b->d, normal))};
+    Range height = dot(from[0], normal), speed = dot(b->d, normal);
+    Seen s = {.facing = sign_of(speed)};
+    s.side = s.facing ? s.facing : sign_of(height);
     for (int k = 0; k < 3; k++) {
         cross(from[k], along[k], n);
         s.edge[k] = sign_of(dot(b->d, n));
     }
-    Range height = dot(from[0], normal), speed = dot(b->d, normal);
     s.near = sign_of(minus(height, times(b->t0, speed)));
     s.far = sign_of(minus(height, times(b->t1, speed)));
+    if (s.near && s.far) return s;
+    const Range t = times_of(b, from);
+    s.begin = !s.near && t.lo <= b->t0.hi && t.hi >= b->t0.lo;
+    s.end = !s.far && t.lo <= b->t1.hi && t.hi >= b->t1.lo;
+    s.beside = t.hi < b->t0.lo || t.lo > b->t1.hi;
     return s;
 }
 
@@ -95,7 +127,7 @@ static Seen look(const Box *b, int32_t face) {
 static bool is_beside(const Seen *s) {
     bool plus = false, less = false;
     for (int k = 0; k < 3; k++) plus |= s->edge[k] > 0, less |= s->edge[k] < 0;
-    return (plus && less) || (s->near != 0 && s->near == s->far);
+    return (plus && less) || (s->near != 0 && s->near == s->far) || s->beside;
 }
 
 static bool is_between_ends(const Seen *s) { return s->facing != 0 && s->near == s->facing && s->far == -s->facing; }
@@ -135,7 +167,7 @@ static bool is_covered(const Box *b, int32_t face) {
     return true;
 }
 
-/* ---- none */
+/* ---- none, or lines */
 
 /* The t at which o + t d may be in [lo, hi]. */
 static Range times_inside(Range o, Range d, double lo, double hi) {
@@ -160,19 +192,64 @@ static bool may_enter(const Box *b, const BvhNode *node, int k) {
     return from <= to;
 }
 
-static bool leaf_is_free(const Box *b, int32_t leaf) {
+typedef struct Lines {
+    uint32_t n, faces;
+    struct {
+        int32_t a, b; /* as of saltus/mesh.h */
+    } line[SLT_LINES];
+    bool many; /* more of either than are told */
+} Lines;
+
+/* In order, each once: it must not matter in which order a tree has the triangles. */
+static void add_line(Lines *l, int32_t a, int32_t b) {
+    uint32_t at = 0;
+    while (at < l->n && (l->line[at].a < a || (l->line[at].a == a && l->line[at].b < b))) at++;
+    if (at < l->n && l->line[at].a == a && l->line[at].b == b) return;
+    if (l->n == SLT_LINES) {
+        l->many = true;
+        return;
+    }
+    memmove(&l->line[at + 1], &l->line[at], (l->n - at) * sizeof *l->line);
+    l->line[at].a = a, l->line[at].b = b, l->n++;
+}
+
+/* Do all rays that meet the face near this edge meet the neighbour beyond it? */
+static bool goes_on(const Box *b, int32_t face, int k, int side) {
+    const int32_t half = b->mesh->adjacency->across[3 * (size_t)face + (size_t)k];
+    if (half < 0 || !side) return false;
+    const Seen s = look(b, half / 3);
+    return s.side == (is_opposite(b->mesh, face, k, half) ? side : -side);
+}
+
+static void add_lines(const Box *b, int32_t face, const Seen *s, Lines *l) {
+    if (s->begin) add_line(l, face, face);
+    if (s->end) add_line(l, face, ~face);
+    for (int k = 0; k < 3 && !l->many; k++) {
+        if (s->edge[k] || goes_on(b, face, k, s->side)) continue;
+        const int32_t *corner = b->mesh->face + 3 * (size_t)face, p = corner[k], q = corner[(k + 1) % 3];
+        if (p == q) l->many = true; /* a point */
+        else add_line(l, p < q ? p : q, p < q ? q : p);
+    }
+}
+
+/* False: it need not go on. */
+static bool look_at_leaf(const Box *b, int32_t leaf, Lines *l) {
     for (int k = 0; k < BVH_LEAF; k++) {
         const Bvh *t = b->scene->bvh;
         const int32_t face =
             t->f64 ? ((const BvhLeaf64 *)t->leaf)[leaf].triangle[k] : ((const BvhLeaf32 *)t->leaf)[leaf].triangle[k];
         if (face < 0) continue;
         const Seen s = look(b, face);
-        if (!is_beside(&s)) return false;
+        if (is_beside(&s)) continue;
+        l->faces++;
+        if (!b->mesh->adjacency || l->faces > FACES) l->many = true;
+        else add_lines(b, face, &s, l);
+        if (l->many) return false;
     }
     return true;
 }
 
-static bool is_free(const Box *b) {
+static void find_lines(const Box *b, Lines *l) {
     int32_t stack[BVH_STACK];
     uint32_t depth = 1;
     stack[0] = 0;
@@ -181,10 +258,9 @@ static bool is_free(const Box *b) {
         for (int k = 0; k < BVH_WIDTH; k++) {
             if (!may_enter(b, node, k)) continue;
             if (node->child[k] >= 0) stack[depth++] = node->child[k];
-            else if (!leaf_is_free(b, ~node->child[k])) return false;
+            else if (!look_at_leaf(b, ~node->child[k], l)) return;
         }
     }
-    return true;
 }
 
 /* ---- the question */
@@ -228,13 +304,58 @@ static int32_t middle(const Box *b, BvhSearch *search) {
     return found;
 }
 
+static int32_t decide(const Box *b, BvhSearch *search, Lines *l) {
+    const int32_t face = middle(b, search);
+    if (face >= 0 && is_covered(b, face)) return SLT_RAYS_BLOCKED;
+    find_lines(b, l);
+    if (l->many) return SLT_RAYS_EITHER;
+    if (l->n) return SLT_RAYS_EITHER + (int32_t)l->n;
+    /* Of triangles without neighbours that are known nothing is proven but that there is none. */
+    return face >= 0 ? SLT_RAYS_BLOCKED : SLT_RAYS_FREE;
+}
+
+/* Of the box of each lane what was found last: who asks for lines has asked for their number just before, of the same
+ * vertices. */
+typedef struct Last {
+    const void *mesh, *vertex;
+    double row[SLT_BOX_ROWS], slack;
+    int32_t answer;
+    Lines lines;
+} Last;
+static _Thread_local Last last[64];
+
+static bool is_last(const Last *l, const BvhScene *s, const WalkMesh *mesh, const double row[SLT_BOX_ROWS]) {
+    return l->mesh == s->bvh && l->vertex == mesh->vertex && l->slack == s->slack &&
+           !memcmp(l->row, row, sizeof l->row);
+}
+
+static const Last *ask(const BvhScene *s, const WalkMesh *mesh, BvhSearch *search, const void *rays, uint32_t width,
+                       uint32_t lane, bool again) {
+    Last *l = &last[lane % 64];
+    double row[SLT_BOX_ROWS];
+    for (uint32_t i = 0; i < SLT_BOX_ROWS; i++) row[i] = number(mesh->f64, rays, i, width, lane);
+    if (again && is_last(l, s, mesh, row)) return l;
+    Box b = {.scene = s, .mesh = mesh};
+    *l = (Last){.mesh = s->bvh, .vertex = mesh->vertex, .slack = s->slack, .answer = SLT_RAYS_EITHER};
+    memcpy(l->row, row, sizeof row);
+    if (box_of(&b, rays, width, lane)) l->answer = decide(&b, search, &l->lines);
+    return l;
+}
+
 void boxes_decide(const BvhScene *s, const WalkMesh *mesh, BvhSearch *search, const void *rays, uint64_t mask,
                   uint32_t width, int32_t *witness) {
+    for (uint32_t k = 0; k < width; k++)
+        witness[k] = mask >> k & 1 ? ask(s, mesh, search, rays, width, k, false)->answer : SLT_RAYS_EITHER;
+}
+
+void boxes_line(const BvhScene *s, const WalkMesh *mesh, BvhSearch *search, const void *rays, uint64_t mask,
+                uint32_t width, int32_t *witness) {
     for (uint32_t k = 0; k < width; k++) {
-        Box b = {.scene = s, .mesh = mesh};
-        witness[k] = SLT_RAYS_EITHER;
-        if (!(mask >> k & 1) || !box_of(&b, rays, width, k)) continue;
-        int32_t face = middle(&b, search);
-        if (face >= 0 ? is_covered(&b, face) : is_free(&b)) witness[k] = face >= 0 ? SLT_RAYS_BLOCKED : SLT_RAYS_FREE;
+        witness[k] = SLT_WITNESS_NONE;
+        if (!(mask >> k & 1)) continue;
+        const Last *l = ask(s, mesh, search, rays, width, k, true);
+        const uint32_t which = (uint32_t)number(mesh->f64, rays, SLT_LINE_WHICH, width, k), n = which / 2;
+        if (l->answer <= SLT_RAYS_EITHER || n >= l->lines.n) continue;
+        witness[k] = which % 2 ? l->lines.line[n].b : l->lines.line[n].a;
     }
 }
