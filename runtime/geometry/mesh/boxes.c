@@ -35,27 +35,31 @@ typedef struct Box {
     double wide; /* how far the boxes of the tree are from theirs, at most */
 } Box;
 
+/* fmin and fmax are calls. */
+static inline double lesser(double a, double b) { return a < b ? a : b; }
+static inline double greater(double a, double b) { return a > b ? a : b; }
+
 /* Outward by more than one operation rounds. */
-static Range widened(double lo, double hi) {
-    return (Range){isinf(lo) ? lo : lo - fabs(lo) * 0x1p-51 - 0x1p-1000,
-                   isinf(hi) ? hi : hi + fabs(hi) * 0x1p-51 + 0x1p-1000};
+static inline Range widened(double lo, double hi) {
+    const double out = 1 + 0x1p-51, in = 1 - 0x1p-51;
+    return (Range){lo * (lo < 0 ? out : in) - 0x1p-1000, hi * (hi < 0 ? in : out) + 0x1p-1000};
 }
 
-static Range add(Range a, Range b) { return widened(a.lo + b.lo, a.hi + b.hi); }
-static Range minus(Range a, Range b) { return widened(a.lo - b.hi, a.hi - b.lo); }
+static inline Range add(Range a, Range b) { return widened(a.lo + b.lo, a.hi + b.hi); }
+static inline Range minus(Range a, Range b) { return widened(a.lo - b.hi, a.hi - b.lo); }
 
 /* An end of a ray may be infinite, which times 0 is anything. */
-static Range times(Range a, Range b) {
+static inline Range times(Range a, Range b) {
     double p = a.lo * b.lo, q = a.lo * b.hi, r = a.hi * b.lo, s = a.hi * b.hi;
-    if (isnan(p) || isnan(q) || isnan(r) || isnan(s)) return (Range){-INFINITY, INFINITY};
-    return widened(fmin(fmin(p, q), fmin(r, s)), fmax(fmax(p, q), fmax(r, s)));
+    if (isnan(p + q + r + s)) return (Range){-INFINITY, INFINITY};
+    return widened(lesser(lesser(p, q), lesser(r, s)), greater(greater(p, q), greater(r, s)));
 }
 
-static Range dot(const Range a[3], const Range b[3]) {
+static inline Range dot(const Range a[3], const Range b[3]) {
     return add(times(a[0], b[0]), add(times(a[1], b[1]), times(a[2], b[2])));
 }
 
-static void cross(const Range a[3], const Range b[3], Range out[3]) {
+static inline void cross(const Range a[3], const Range b[3], Range out[3]) {
     for (int i = 0; i < 3; i++) {
         const int j = (i + 1) % 3, k = (i + 2) % 3;
         out[i] = minus(times(a[j], b[k]), times(a[k], b[j]));
@@ -72,7 +76,7 @@ typedef struct Seen {
     int edge[3];   /* the sign of d . (P x (Q - P)), of the edge from corner k to the next */
     int near, far; /* whether the rays' ends lie before (1) or behind (-1) its plane, along the normal */
     bool begin, end;            /* may a ray begin, or end, in the triangle? */
-    bool beside;                /* it lies before all of them, or behind */
+    bool beside;                /* no ray can meet it */
 } Seen;
 
 /* Of the rays that meet a triangle: t is between those of its corners, d . (corner - o) / d . d. Not known where d may
@@ -83,51 +87,52 @@ static Range times_of(const Box *b, Range from[3][3]) {
     if (!(square.lo > 0)) return (Range){-INFINITY, INFINITY};
     for (int k = 0; k < 3; k++) {
         Range at = times(dot(b->d, from[k]), widened(1 / square.hi, 1 / square.lo));
-        t.lo = fmin(t.lo, at.lo), t.hi = fmax(t.hi, at.hi);
+        t.lo = lesser(t.lo, at.lo), t.hi = greater(t.hi, at.hi);
     }
     return t;
 }
 
-static Seen look(const Box *b, int32_t face) {
-    Range at[3][3], along[3][3], normal[3], n[3];
+enum { LOOK_EDGES = 1, LOOK_PLANE = 2, LOOK_AT_ALL = LOOK_EDGES | LOOK_PLANE, LOOK_UNLESS_BESIDE = 4 };
+
+static Seen look(const Box *b, int32_t face, int what) {
+    Range at[3][3], from[3][3], along[3][3], normal[3], n[3];
     double v[3][3], far = 0;
+    Seen s = {0};
     for (int k = 0; k < 3; k++)
         for (int a = 0; a < 3; a++) {
             const size_t i = 3 * (size_t)b->mesh->face[3 * (size_t)face + (size_t)k] + (size_t)a;
             v[k][a] = b->mesh->f64 ? ((const double *)b->mesh->vertex)[i] : (double)((const float *)b->mesh->vertex)[i];
-            far = fmax(far, fmax(fabs(v[k][a] - b->o[a].lo), fabs(v[k][a] - b->o[a].hi)));
+            far = greater(far, greater(fabs(v[k][a] - b->o[a].lo), fabs(v[k][a] - b->o[a].hi)));
         }
     const double wide = ROUNDED(b->mesh->f64) * far;
     for (int k = 0; k < 3; k++)
-        for (int a = 0; a < 3; a++) at[k][a] = widened(v[k][a] - wide, v[k][a] + wide);
+        for (int a = 0; a < 3; a++)
+            at[k][a] = widened(v[k][a] - wide, v[k][a] + wide), from[k][a] = minus(at[k][a], b->o[a]);
     for (int k = 0; k < 3; k++)
         for (int a = 0; a < 3; a++) along[k][a] = minus(at[(k + 1) % 3][a], at[k][a]);
-    cross(along[0], along[1], normal);
-    Range from[3][3];
-    for (int k = 0; k < 3; k++)
-        for (int a = 0; a < 3; a++) from[k][a] = minus(at[k][a], b->o[a]);
-    Range height = dot(from[0], normal), speed = dot(b->d, normal);
-    Seen s = {.facing = sign_of(speed)};
-    s.side = s.facing ? s.facing : sign_of(height);
-    for (int k = 0; k < 3; k++) {
-        cross(from[k], along[k], n);
-        s.edge[k] = sign_of(dot(b->d, n));
+    if (what & LOOK_EDGES) {
+        bool plus = false, less = false;
+        for (int k = 0; k < 3; k++) {
+            cross(from[k], along[k], n);
+            s.edge[k] = sign_of(dot(b->d, n));
+            plus |= s.edge[k] > 0, less |= s.edge[k] < 0;
+        }
+        s.beside = plus && less;
     }
+    if (s.beside && what & LOOK_UNLESS_BESIDE) return s;
+    cross(along[0], along[1], normal);
+    const Range height = dot(from[0], normal), speed = dot(b->d, normal);
+    s.facing = sign_of(speed);
+    s.side = s.facing ? s.facing : sign_of(height);
     s.near = sign_of(minus(height, times(b->t0, speed)));
     s.far = sign_of(minus(height, times(b->t1, speed)));
+    s.beside |= s.near != 0 && s.near == s.far;
     if (s.near && s.far) return s;
     const Range t = times_of(b, from);
     s.begin = !s.near && t.lo <= b->t0.hi && t.hi >= b->t0.lo;
     s.end = !s.far && t.lo <= b->t1.hi && t.hi >= b->t1.lo;
-    s.beside = t.hi < b->t0.lo || t.lo > b->t1.hi;
+    s.beside |= t.hi < b->t0.lo || t.lo > b->t1.hi;
     return s;
-}
-
-/* Can no ray meet it? */
-static bool is_beside(const Seen *s) {
-    bool plus = false, less = false;
-    for (int k = 0; k < 3; k++) plus |= s->edge[k] > 0, less |= s->edge[k] < 0;
-    return (plus && less) || (s->near != 0 && s->near == s->far) || s->beside;
 }
 
 static bool is_between_ends(const Seen *s) { return s->facing != 0 && s->near == s->facing && s->far == -s->facing; }
@@ -148,9 +153,9 @@ static bool is_covered(const Box *b, int32_t face) {
     int32_t patch[PATCH];
     int facing[PATCH];
     uint32_t n = 1;
-    patch[0] = face, facing[0] = look(b, face).facing;
+    patch[0] = face, facing[0] = look(b, face, LOOK_PLANE).facing;
     for (uint32_t i = 0; i < n; i++) {
-        const Seen s = look(b, patch[i]);
+        const Seen s = look(b, patch[i], LOOK_AT_ALL);
         if (!is_between_ends(&s) || s.facing != facing[i]) return false;
         for (int k = 0; k < 3; k++) {
             if (s.edge[k] == s.facing) continue;
@@ -175,6 +180,7 @@ static Range times_inside(Range o, Range d, double lo, double hi) {
     if (d.lo <= 0 && d.hi >= 0) {
         const double least = away.lo > 0 ? away.lo : away.hi < 0 ? -away.hi : 0, fastest = fmax(-d.lo, d.hi);
         if (least == 0) return (Range){-INFINITY, INFINITY};
+        if (!(fastest > 0)) return (Range){INFINITY, INFINITY}; /* never */
         /* Before or behind, but not at once: only the smallest |t| is known. Rays do not run backwards here. */
         return widened(least / fastest, INFINITY);
     }
@@ -217,7 +223,7 @@ static void add_line(Lines *l, int32_t a, int32_t b) {
 static bool goes_on(const Box *b, int32_t face, int k, int side) {
     const int32_t half = b->mesh->adjacency->across[3 * (size_t)face + (size_t)k];
     if (half < 0 || !side) return false;
-    const Seen s = look(b, half / 3);
+    const Seen s = look(b, half / 3, LOOK_PLANE);
     return s.side == (is_opposite(b->mesh, face, k, half) ? side : -side);
 }
 
@@ -239,8 +245,8 @@ static bool look_at_leaf(const Box *b, int32_t leaf, Lines *l) {
         const int32_t face =
             t->f64 ? ((const BvhLeaf64 *)t->leaf)[leaf].triangle[k] : ((const BvhLeaf32 *)t->leaf)[leaf].triangle[k];
         if (face < 0) continue;
-        const Seen s = look(b, face);
-        if (is_beside(&s)) continue;
+        const Seen s = look(b, face, LOOK_AT_ALL | LOOK_UNLESS_BESIDE);
+        if (s.beside) continue;
         l->faces++;
         if (!b->mesh->adjacency || l->faces > FACES) l->many = true;
         else add_lines(b, face, &s, l);
