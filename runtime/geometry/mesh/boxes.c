@@ -23,6 +23,7 @@ enum {
 /* Rays see a corner, less their origin and sheared, where it is but for 6 roundings of its largest coordinate; f64 edge
  * functions are rounded as well (rays.inc.h). */
 #define ROUNDED(f64) ((f64) ? 0x1p-49 : 0x1p-21)
+#define ONE_LINE(f64) ((f64) ? 0x1p-23 : 0x1p-10) /* the angle below which two edges are one line */
 
 typedef struct Range {
     double lo, hi;
@@ -238,6 +239,54 @@ static void add_lines(const Box *b, int32_t face, const Seen *s, Lines *l) {
     }
 }
 
+static void vertex_of(const Box *b, int32_t v, double out[3]) {
+    for (size_t a = 0; a < 3; a++)
+        out[a] = b->mesh->f64 ? ((const double *)b->mesh->vertex)[3 * (size_t)v + a]
+                              : (double)((const float *)b->mesh->vertex)[3 * (size_t)v + a];
+}
+
+/* The plane that holds the way from p to q and the ray in the middle. */
+static void plane_along(const Box *b, const double p[3], const double q[3], double out[3]) {
+    double along[3], d[3];
+    for (int a = 0; a < 3; a++) along[a] = q[a] - p[a], d[a] = 0.5 * (b->d[a].lo + b->d[a].hi);
+    for (int a = 0; a < 3; a++) {
+        const int j = (a + 1) % 3, k = (a + 2) % 3;
+        out[a] = along[j] * d[k] - along[k] * d[j];
+    }
+}
+
+/* Do two edges meet in a vertex, and each goes on where the other ends? Their lines are one, as far as rounding tells,
+ * and whose a place of it is, the lines do not say: at the vertex the box must be cut. */
+static bool continues(const Box *b, const int32_t edge[2], const int32_t other[2]) {
+    double p[2][3], q[2][3], u[3], v[3];
+    for (int k = 0; k < 2; k++) vertex_of(b, edge[k], p[k]), vertex_of(b, other[k], q[k]);
+    for (int i = 0; i < 2; i++)
+        for (int j = 0; j < 2; j++) {
+            if (memcmp(p[i], q[j], sizeof p[i]) != 0) continue;
+            plane_along(b, p[i], p[1 - i], u), plane_along(b, q[j], q[1 - j], v);
+            double uu = 0, vv = 0, uv = 0;
+            for (int a = 0; a < 3; a++) uu += u[a] * u[a], vv += v[a] * v[a], uv += u[a] * v[a];
+            /* uu vv - uv^2 would cancel. */
+            double sine = 0;
+            for (int a = 0; a < 3; a++) {
+                const double w = u[(a + 1) % 3] * v[(a + 2) % 3] - u[(a + 2) % 3] * v[(a + 1) % 3];
+                sine += w * w;
+            }
+            const double least = ONE_LINE(b->mesh->f64);
+            if (uv < 0 && sine <= least * least * uu * vv) return true;
+        }
+    return false;
+}
+
+static bool has_continued(const Box *b, const Lines *l) {
+    for (uint32_t i = 0; i < l->n; i++)
+        for (uint32_t k = 0; k < i; k++) {
+            const int32_t edge[2] = {l->line[i].a, l->line[i].b}, other[2] = {l->line[k].a, l->line[k].b};
+            if (edge[0] < edge[1] && other[0] < other[1] && continues(b, edge, other)) return true;
+        }
+    return false;
+}
+
 /* False: it need not go on. */
 static bool look_at_leaf(const Box *b, int32_t leaf, Lines *l) {
     for (int k = 0; k < BVH_LEAF; k++) {
@@ -314,7 +363,7 @@ static int32_t decide(const Box *b, BvhSearch *search, Lines *l) {
     const int32_t face = middle(b, search);
     if (face >= 0 && is_covered(b, face)) return SLT_RAYS_BLOCKED;
     find_lines(b, l);
-    if (l->many) return SLT_RAYS_EITHER;
+    if (l->many || has_continued(b, l)) return SLT_RAYS_EITHER;
     if (l->n) return SLT_RAYS_EITHER + (int32_t)l->n;
     /* Of triangles without neighbours that are known nothing is proven but that there is none. */
     return face >= 0 ? SLT_RAYS_BLOCKED : SLT_RAYS_FREE;
