@@ -88,8 +88,7 @@ static bool find_present(Cells *c, uint32_t first) {
     for (uint32_t i = first; i < c->npiece; i++) {
         Piece *p = &c->piece[i];
         for (uint32_t set = p->asked, e; cells_take_edge(&set, &e); at += 2) {
-            double up = c->cell[p->cell].edge[e].rises[p->axis];
-            if (up * at[0].g <= 0 && up * at[1].g >= 0) p->present |= 1u << e;
+            if (cells_spans(&c->cell[p->cell].edge[e], p->axis, at[0].g, at[1].g)) p->present |= 1u << e;
             p->edge[e].height = guess_height(at, p->axis); /* NaN where it is not there, or a slope is 0 */
         }
     }

@@ -360,6 +360,7 @@ void cells_meet(const Cells *c, CellEdge *e, const Ask *box) {
     e->g[0] = box->g[0], e->g[1] = box->g[1];
     if (smooth && mean[0] - rounding > e->g[0]) e->g[0] = mean[0] - rounding;
     if (smooth && mean[1] + rounding < e->g[1]) e->g[1] = mean[1] + rounding;
+    e->g[0] -= cells_doubt(e), e->g[1] += cells_doubt(e);
 }
 
 /* Is one of a cell's events of a site that is straight? Asked once in a tile, of the first cell that has one. */

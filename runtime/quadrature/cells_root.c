@@ -10,8 +10,7 @@ enum {
     NARROW = 4,  /* units in the last place from a root to each of its sides, */
     ASIDE = 256, /* and where f is flat, which is the same there: no root is so far from where it was taken to be */
     FAR = 4,     /* and so many times farther f is taken once more where it may be a root there, or steep: */
-    LOOKED = 16, /* of so many roots one is looked at */
-    RAY = 16     /* bounds of what a g rounds by: within these a ray and its line may disagree */
+    LOOKED = 16  /* of so many roots one is looked at */
 };
 #define SURE 0x1p-27     /* parts of a line: so short a step of Newton's method leads to the last floats */
 #define MOST_FAR 0x1p20 /* units from a root to its sides */
@@ -297,10 +296,10 @@ static void call_sides(Cells *c, const uint32_t *active, uint32_t n, double far)
 }
 
 /* The rounding of g matters less than its slope, from the root to both of its sides: what the program decides there is
- * no chance. Rays that meet a mesh are decided by other arithmetic than g, which rounds a few times as much. */
+ * no chance. */
 static bool is_sure(const Root *r, const Sides *s) {
     double reach = smaller(r->x[r->axis] - s->at[0], s->at[1] - r->x[r->axis]);
-    return fabs(r->dg[r->axis]) * reach > (r->of->event.line ? RAY : 2) * r->of->error;
+    return fabs(r->dg[r->axis]) * reach > larger(2 * r->of->error, cells_doubt(r->of));
 }
 
 /* Has g the signs that it should have at the sides, as probed? Where the region differs, at those that are no ends of
