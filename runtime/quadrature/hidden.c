@@ -38,7 +38,9 @@ static double middle(const Box *b, uint32_t d, double t) { return b->lo[d] + t *
 static bool read_open(const Batch *b, uint32_t i, Hidden *h) {
     const SltScene *s = b->s;
     int32_t open = batch_open(b, i);
-    if (!open) return true;
+    /* More lines of a mesh than are told make a box one of which nothing is known. */
+    bool many = batch_get_int(b, SLT_OUT_BOX_STATE, 0, i) & SLT_BOX_UNKNOWN && scene_asks_meshes(s);
+    if (!open) return !many;
     uint32_t named = scene_outputs(s, SLT_K_BOUNDS, SLT_OUT_OPEN_EDGE), n = 0;
     uint32_t depth = named ? scene_outputs(s, SLT_K_BOUNDS, SLT_OUT_OPEN_K) / named : 0;
     for (uint32_t e = 0; e < named && n < (uint32_t)open; e++) {
@@ -59,7 +61,7 @@ static bool read_open(const Batch *b, uint32_t i, Hidden *h) {
         for (int place = 0; place < PLACES; place++) h->place[place][h->n].range = 0;
         h->cell[h->n++] = (uint8_t)i;
     }
-    return open >= 0 && n >= (uint32_t)open;
+    return !many && open >= 0 && n >= (uint32_t)open;
 }
 
 /* What f may jump by, by cell: less than its bounds are apart, and about what is seen elsewhere. */

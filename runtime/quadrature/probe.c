@@ -137,14 +137,8 @@ Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats) 
 }
 
 /* Of meshes bounds know the lines, and cells have curves. */
-static bool asks_meshes(const SltScene *s) {
-    for (uint32_t i = 0; i < s->nsites; i++)
-        if (scene_is_of_mesh(s, (int32_t)i)) return true;
-    return false;
-}
-
 bool quadrature_marches(const SltScene *s, const SltJob *j) {
-    return prove_only_shadows(s) && !asks_meshes(s) && j->integral && s->dim == 2;
+    return prove_only_shadows(s) && !scene_asks_meshes(s) && j->integral && s->dim == 2;
 }
 
 /* Does f hang on rays? Bounds of these settle much and make no curves: the lattice says more for the same evaluations,
@@ -158,7 +152,7 @@ static bool asks_rays(const SltScene *s) {
 static bool wants_error(const SltJob *j) { return j->error > 0 || j->abs_error > 0; }
 
 bool quadrature_hopes(const SltScene *s, const SltJob *j) {
-    return quadrature_may(s) && !asks_meshes(s) && (wants_error(j) || !asks_rays(s) || quadrature_marches(s, j));
+    return quadrature_may(s) && !scene_asks_meshes(s) && (wants_error(j) || !asks_rays(s) || quadrature_marches(s, j));
 }
 
 SltEstimator quadrature_choose(const SltScene *s, const SltJob *j, SltStats *stats) {
