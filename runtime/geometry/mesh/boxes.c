@@ -23,7 +23,7 @@ enum {
 /* Rays see a corner, less their origin and sheared, where it is but for 6 roundings of its largest coordinate; f64 edge
  * functions are rounded as well (rays.inc.h). */
 #define ROUNDED(f64) ((f64) ? 0x1p-49 : 0x1p-21)
-#define ONE_LINE(f64) ((f64) ? 0x1p-23 : 0x1p-10) /* the angle below which two edges are one line */
+#define ONE_LINE(f64) ((f64) ? 0x1p-23 : 0x1p-6) /* the angle below which two edges are one line */
 
 typedef struct Range {
     double lo, hi;
