@@ -283,8 +283,9 @@ static void call_sides(Cells *c, const uint32_t *active, uint32_t n, double far)
         memcpy(x, r->x, sizeof x);
         find_reach(c, r, reach);
         find_ends(c, r, ends);
-        at[0] = larger(reach[0], cells_move(c, ends[0], -d, width));
-        at[1] = smaller(reach[1], cells_move(c, ends[1], d, width));
+        double doubt = r->of->event.line ? 2 * cells_doubt(r->of) / fabs(r->dg[r->axis]) : 0;
+        at[0] = larger(reach[0], smaller(cells_round(c, ends[0] - doubt), cells_move(c, ends[0], -d, width)));
+        at[1] = smaller(reach[1], larger(cells_round(c, ends[1] + doubt), cells_move(c, ends[1], d, width)));
         for (uint32_t s = 0; s < 2; s++) x[r->axis] = at[s], batch_set_x(b, 2 * i + s, x);
     }
     cells_call(c, SLT_K_SIDES, 2 * n);
@@ -299,7 +300,7 @@ static void call_sides(Cells *c, const uint32_t *active, uint32_t n, double far)
  * no chance. */
 static bool is_sure(const Root *r, const Sides *s) {
     double reach = smaller(r->x[r->axis] - s->at[0], s->at[1] - r->x[r->axis]);
-    return fabs(r->dg[r->axis]) * reach > larger(2 * r->of->error, cells_doubt(r->of));
+    return fabs(r->dg[r->axis]) * reach > 2 * r->of->error;
 }
 
 /* Has g the signs that it should have at the sides, as probed? Where the region differs, at those that are no ends of
@@ -309,7 +310,6 @@ static bool has_signs(const Cells *c, const Root *r, const Probe at[2]) {
     const Box *box = root_box(c, r);
     double lo = r->rises * at[0].g, hi = r->rises * at[1].g;
     bool begins = s->at[0] <= box->lo[r->axis], ends = s->at[1] >= box->hi[r->axis];
-    if (r->of->event.line && s->hash[0] == s->hash[1]) return begins && ends; /* not sure */
     if (s->hash[0] != s->hash[1]) return (lo < 0 || begins) && (hi > 0 || ends);
     double noise = cells_nearly_0(c, box, r->of->error, r->dg);
     return (lo < -noise && hi > noise) || (begins && ends);
@@ -451,7 +451,7 @@ bool cells_take_sides(Cells *c) {
         c->nprobe = 0;
         for (uint32_t i = 0; i < n; i++) {
             const Root *r = &c->root[c->active[i]];
-            if (is_sure(r, cells_sides(c, r))) continue;
+            if (r->of->event.line || is_sure(r, cells_sides(c, r))) continue; /* lines are, as far as they can be */
             if (!probe_sides(c, r)) return false;
             c->active[asked++] = c->active[i];
         }
