@@ -130,6 +130,12 @@ static bool is_hidden(const Cells *c, const Piece *p, const Root *r) {
 
 #define APART 0x1p-6 /* of the height of a cell: so far from each other curves are surely not one */
 
+static bool is_apart(const Piece *p, uint32_t e, double apart) {
+    for (uint32_t others = p->present & ~(1u << e), f; cells_take_edge(&others, &f);)
+        if (!(fabs(p->edge[e].height - p->edge[f].height) > apart)) return false;
+    return true;
+}
+
 /* Where areas are told by borders: curves of a piece that were those of the one before, and which nothing has met since
  * then, have the sides that they had there. */
 static void find_heirs(Cells *c, uint32_t first) {
@@ -141,9 +147,9 @@ static void find_heirs(Cells *c, uint32_t first) {
         if (q->at[q->base][1] != p->at[p->base][0]) continue;
         double apart = APART * (cell->box.end[p->axis] - cell->box.lo[p->axis]);
         p->heirs = p->present & q->present & ~(p->begins | p->asked | q->asked);
+        /* In the one before, too: where several meet in a point pieces between them may be as short as rounding. */
         for (uint32_t set = p->heirs, e; cells_take_edge(&set, &e);)
-            for (uint32_t others = p->present & ~(1u << e), f; cells_take_edge(&others, &f);)
-                if (!(fabs(p->edge[e].height - p->edge[f].height) > apart)) p->heirs &= ~(1u << e);
+            if (!is_apart(p, e, apart) || !is_apart(q, e, apart)) p->heirs &= ~(1u << e);
     }
 }
 
