@@ -61,7 +61,8 @@ enum { MANY = 1 << 20 }; /* boundaries of one rounding that are counted */
 
 /* The events of the set: edge, k.., [first, last] of each, and how many in all. */
 static void name_events(Boxes *x, Builder *b, Inst *open, Outputs *o) {
-    uint32_t rounds = x->first ? 2 : 0, per = 1 + x->depth + rounds + (x->line[0] ? 2 : 0), n = x->slots < SLT_MAX_OPEN ? x->slots : SLT_MAX_OPEN;
+    uint32_t rounds = x->first ? 2 : 0, per = 1 + x->depth + rounds + (x->line[0] ? 2 : 0),
+             n = x->slots < SLT_MAX_OPEN ? x->slots : SLT_MAX_OPEN;
     Inst *told = bounds_op2(b, OP_iand, open, ir_consti(b, (int32_t)((1u << x->slots) - 1u)));
     Inst *any =
         bounds_op2(b, OP_ine, bounds_op2(b, OP_iand, open, ir_consti(b, OPEN_MORE | (OPEN_MORE - 1))), ir_consti(b, 0));

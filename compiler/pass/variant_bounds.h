@@ -92,7 +92,7 @@ typedef struct Boxes {
     Vec(const Inst *) compared; /* comparisons of what changes on the box with what does not, in order */
     /* Arrays of the events recorded so far; slots elements and one for those beyond. NULL: none can be recorded. */
     uint32_t slots, depth;
-    Recorded *known;                                     /* by edge */
+    Recorded *known;                                               /* by edge */
     Inst *recorded, *edge, *first, *last, *line[2], *k[SLT_MAX_K]; /* `recorded`: one element, how many */
 } Boxes;
 

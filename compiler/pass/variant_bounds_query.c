@@ -46,7 +46,8 @@ void bounds_query(Boxes *x, Builder *b, const Inst *i) {
     *v = (Boxed){.is = whole, .open = ir_consti(b, OPEN_JUMP)};
     if (!is_search(i)) return;
     /* The answer is found again behind the witness's ends (bounds_found). */
-    Inst *answer = ask(x, b, i, SLT_QUERY_BLOCKED, 0), *free = is(b, answer, SLT_RAYS_FREE), *none = ir_consti(b, SLT_WITNESS_NONE);
+    Inst *answer = ask(x, b, i, SLT_QUERY_BLOCKED, 0), *free = is(b, answer, SLT_RAYS_FREE),
+         *none = ir_consti(b, SLT_WITNESS_NONE);
     x->answer[i->id] = answer;
     v->is.lo = bounds_choose(b, free, none, whole.lo);
     v->is.hi = bounds_choose(b, free, none, whole.hi);

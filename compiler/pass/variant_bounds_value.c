@@ -197,8 +197,8 @@ static Inst *record_line(Boxes *x, Builder *b, const Inst *site, Inst *open, con
     Inst *br = ir_if(b, open);
     br->imm.i = IR_IF_RARE;
     Builder in = ir_at_end(x->to, br->region[0]), out = ir_at_end(x->to, br->region[1]);
-    Inst *zero = ir_consti(&in, 0),
-         *at = ir_special(&in, OP_load, TY_INT, 2, (Inst *[]){x->recorded, zero}, (Imm){0}), *slot = at;
+    Inst *zero = ir_consti(&in, 0), *at = ir_special(&in, OP_load, TY_INT, 2, (Inst *[]){x->recorded, zero}, (Imm){0}),
+         *slot = at;
     put(&in, x->edge, slot, ir_consti(&in, (int32_t)site->imm.i));
     for (uint32_t d = 0; d + 2 < site->nargs; d++) put(&in, x->k[d], slot, value_of(x, site->args[d + 2]).is.lo);
     if (x->first) put(&in, x->first, slot, number(&in, 0)), put(&in, x->last, slot, number(&in, 0));

@@ -128,7 +128,8 @@ static bool is_hidden(const Cells *c, const Piece *p, const Root *r) {
     return cells_sides(c, r)->hash[0] == cells_sides(c, r)->hash[1];
 }
 
-#define APART 0x1p-6 /* of the height of a cell: so far from each other curves are surely not one */
+#define APART 0x1p-6 /* of the height of a cell: so far from each other curves are surely not one, */
+#define TOLD 0x1p-14 /* and so much nearer they can still be told apart */
 
 static bool is_apart(const Piece *p, uint32_t e, double apart) {
     for (uint32_t others = p->present & ~(1u << e), f; cells_take_edge(&others, &f);)
@@ -149,7 +150,7 @@ static void find_heirs(Cells *c, uint32_t first) {
         p->heirs = p->present & q->present & ~(p->begins | p->asked | q->asked);
         /* In the one before, too: where several meet in a point pieces between them may be as short as rounding. */
         for (uint32_t set = p->heirs, e; cells_take_edge(&set, &e);)
-            if (!is_apart(p, e, apart) || !is_apart(q, e, apart)) p->heirs &= ~(1u << e);
+            if (!is_apart(p, e, apart) || !is_apart(q, e, TOLD * apart)) p->heirs &= ~(1u << e);
     }
 }
 

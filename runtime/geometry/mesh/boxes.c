@@ -76,8 +76,8 @@ typedef struct Seen {
     int side;      /* the same of rays that meet it, which do so in front of their origin: that side it lies on, too */
     int edge[3];   /* the sign of d . (P x (Q - P)), of the edge from corner k to the next */
     int near, far; /* whether the rays' ends lie before (1) or behind (-1) its plane, along the normal */
-    bool begin, end;            /* may a ray begin, or end, in the triangle? */
-    bool beside;                /* no ray can meet it */
+    bool begin, end; /* may a ray begin, or end, in the triangle? */
+    bool beside;     /* no ray can meet it */
 } Seen;
 
 /* Of the rays that meet a triangle: t is between those of its corners, d . (corner - o) / d . d. Not known where d may

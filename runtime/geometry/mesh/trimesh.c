@@ -209,7 +209,8 @@ SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void
         release(&m->base.shared);
         return status_fail(err, SLT_LIMIT, "out of memory for the tree of a mesh of %u triangles", from->nfaces);
     }
-    m->has_adjacency = from->queries & (1u << SLT_QUERY_PIECES | 1u << SLT_QUERY_BETWEEN | 1u << SLT_QUERY_LINE | lighting);
+    m->has_adjacency =
+        from->queries & (1u << SLT_QUERY_PIECES | 1u << SLT_QUERY_BETWEEN | 1u << SLT_QUERY_LINE | lighting);
     if (m->has_adjacency && !adjacency_make(&m->adjacency, from->faces, from->nfaces, from->nvertices)) {
         m->has_adjacency = false;
         release(&m->base.shared);
