@@ -211,16 +211,20 @@ static Inst *record_line(Boxes *x, Builder *b, const Inst *site, Inst *open, con
     return ir_proj(b, br, 0);
 }
 
-/* Where a ray may meet a mesh or not: an event for each line that bounds know, or, if these are not all, none. */
+/* Where a ray may meet a mesh or not: an event for each line that bounds know; if these are not all, it may also jump
+ * elsewhere. */
 static Inst *record_lines(Boxes *x, Builder *b, const Inst *site, Inst *open) {
     const Inst *search = x->edge ? bounds_searched(x, site) : NULL;
     Inst *jumps = bits_where(b, open, OPEN_JUMP);
     if (!search) return jumps;
-    Inst *answer = x->answer[search->id], *either = ir_consti(b, SLT_RAYS_EITHER);
-    Inst *known = bounds_op2(b, OP_band, open, bounds_op2(b, OP_ilt, either, answer));
+    Inst *answer = x->answer[search->id], *least = ir_consti(b, SLT_RAYS_EITHER),
+         *most = ir_consti(b, SLT_RAYS_EITHER + SLT_LINES);
+    Inst *all = bounds_op2(b, OP_ile, answer, most);
+    Inst *count = bounds_op2(b, OP_isub, answer, bounds_choose(b, all, least, most));
+    Inst *known = bounds_op2(b, OP_band, all, bounds_op2(b, OP_ilt, least, answer));
     Inst *set = open_where(b, known, NULL, jumps);
     for (uint32_t n = 0; n < SLT_LINES; n++) {
-        Inst *has = bounds_op2(b, OP_band, known, bounds_op2(b, OP_ilt, ir_consti(b, SLT_RAYS_EITHER + n), answer));
+        Inst *has = bounds_op2(b, OP_band, open, bounds_op2(b, OP_ilt, ir_consti(b, (int32_t)n), count));
         set = open_union(b, set, record_line(x, b, site, has, search, n));
     }
     return set;

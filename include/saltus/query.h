@@ -93,7 +93,7 @@ enum {
 };
 /* Answers of BLOCKED. Of FREE and BLOCKED every ray of the box, decided by TRACE or OCCLUDED, is a case; EITHER says
  * nothing. EITHER + n, n from 1 to SLT_LINES: rays between which there is none of n lines, which LINE names, are
- * decided alike. */
+ * decided alike. EITHER + SLT_LINES + n: there are more lines, or these do not tell whose a place is. */
 enum { SLT_RAYS_FREE = SLT_WITNESS_NONE, SLT_RAYS_BLOCKED = 0, SLT_RAYS_EITHER = 1, SLT_LINES = 4 };
 
 struct SltGeometry;

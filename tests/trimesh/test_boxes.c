@@ -148,7 +148,7 @@ static bool check_lines(const Surface *s, const SltGeometry *g, const void *valu
     for (uint32_t i = 0; i < SLT_RAY_POINT_ROWS; i++)
         if (i < 3 || i >= SLT_RAY_T0) set(f64, box, i + SLT_RAY_ROWS, get(f64, box, i));
     g->query[SLT_QUERY_BLOCKED](g, values, box, 1, 1, &said);
-    if (said <= SLT_RAYS_EITHER) return false;
+    if (said <= SLT_RAYS_EITHER || said > SLT_RAYS_EITHER + SLT_LINES) return false;
     uint32_t n = (uint32_t)(said - SLT_RAYS_EITHER);
     assert_true(n <= SLT_LINES);
     for (uint32_t k = 0; k < n; k++)

@@ -18,7 +18,8 @@
 
 enum {
     PATCH = 24, /* triangles around a ray, at most */
-    FACES = 96  /* beside which a box lies, at most, of which lines are looked for */
+    FACES = 96, /* beside which a box does not lie, at most, of which lines are looked for, */
+    FEW = 24    /* and of which some are told where not all can be */
 };
 /* Rays see a corner, less their origin and sheared, where it is but for 6 roundings of its largest coordinate; f64 edge
  * functions are rounded as well (rays.inc.h). */
@@ -204,7 +205,8 @@ typedef struct Lines {
     struct {
         int32_t a, b; /* as of saltus/mesh.h */
     } line[SLT_LINES];
-    bool many; /* more of either than are told */
+    bool many; /* there are more than are told */
+    bool lost; /* and nothing is */
 } Lines;
 
 /* In order, each once: it must not matter in which order a tree has the triangles. */
@@ -212,10 +214,9 @@ static void add_line(Lines *l, int32_t a, int32_t b) {
     uint32_t at = 0;
     while (at < l->n && (l->line[at].a < a || (l->line[at].a == a && l->line[at].b < b))) at++;
     if (at < l->n && l->line[at].a == a && l->line[at].b == b) return;
-    if (l->n == SLT_LINES) {
-        l->many = true;
-        return;
-    }
+    l->many |= l->n == SLT_LINES;
+    if (at == SLT_LINES) return;
+    l->n -= l->n == SLT_LINES; /* the last one goes */
     memmove(&l->line[at + 1], &l->line[at], (l->n - at) * sizeof *l->line);
     l->line[at].a = a, l->line[at].b = b, l->n++;
 }
@@ -231,7 +232,7 @@ static bool goes_on(const Box *b, int32_t face, int k, int side) {
 static void add_lines(const Box *b, int32_t face, const Seen *s, Lines *l) {
     if (s->begin) add_line(l, face, face);
     if (s->end) add_line(l, face, ~face);
-    for (int k = 0; k < 3 && !l->many; k++) {
+    for (int k = 0; k < 3; k++) {
         if (s->edge[k] || goes_on(b, face, k, s->side)) continue;
         const int32_t *corner = b->mesh->face + 3 * (size_t)face, p = corner[k], q = corner[(k + 1) % 3];
         if (p == q) l->many = true; /* a point */
@@ -297,9 +298,9 @@ static bool look_at_leaf(const Box *b, int32_t leaf, Lines *l) {
         const Seen s = look(b, face, LOOK_AT_ALL | LOOK_UNLESS_BESIDE);
         if (s.beside) continue;
         l->faces++;
-        if (!b->mesh->adjacency || l->faces > FACES) l->many = true;
-        else add_lines(b, face, &s, l);
-        if (l->many) return false;
+        if (b->mesh->adjacency) add_lines(b, face, &s, l);
+        l->lost = !b->mesh->adjacency || l->faces > (l->many ? FEW : FACES);
+        if (l->lost) return false;
     }
     return true;
 }
@@ -363,8 +364,8 @@ static int32_t decide(const Box *b, BvhSearch *search, Lines *l) {
     const int32_t face = middle(b, search);
     if (face >= 0 && is_covered(b, face)) return SLT_RAYS_BLOCKED;
     find_lines(b, l);
-    if (l->many || has_continued(b, l)) return SLT_RAYS_EITHER;
-    if (l->n) return SLT_RAYS_EITHER + (int32_t)l->n;
+    if (l->lost || (l->many && !l->n)) return SLT_RAYS_EITHER;
+    if (l->n) return SLT_RAYS_EITHER + (int32_t)l->n + (l->many || has_continued(b, l) ? SLT_LINES : 0);
     /* Of triangles without neighbours that are known nothing is proven but that there is none. */
     return face >= 0 ? SLT_RAYS_BLOCKED : SLT_RAYS_FREE;
 }
