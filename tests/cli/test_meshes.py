@@ -141,6 +141,10 @@ shader float main(float2 x) { [Disc] if (m.occluded(float3(x, 3.0), float3(0.3, 
         self.put("m.salt", "import mesh; struct MeshHit { float a; }; shader float main(float2 x) { MeshHit h; h.a = x.x; float mesh = h.a; return mesh; }\n")
         self.assertEqual(self.run_cli("render", "m.salt", "-o", "m.pfm", "--size", "2x2").code, 0)
 
+    def test_two_of_one_name(self):
+        self.mesh("Beam b = {float3(0.0), float3(0.0), float3(1.0), float3(1.0)}; Piece q = m.first(b); return q.a;", more="struct Piece { float a; };")
+        self.refused("cannot convert Piece to Piece: the language has one of this name", "explain", "m.salt")
+
     def test_pay_for_what_you_use(self):
         for body, asked in (("return x.x;", None), (DOWN + "return v.t;", "trace"), ("[NoDisc] bool b = m.occluded(float3(x, 2.0), float3(0.0, 0.0, -1.0), 0.0, 9.0); return b ? 1.0 : 0.0;", "occluded")):
             self.mesh(body)
