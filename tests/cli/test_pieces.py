@@ -96,6 +96,8 @@ class Pieces(Case):
             "{ float w = 0.0; for (int i = 0; i < 4; i++) w += q.area * float(i); sum += w; }",
             "{ float w = k; for (int i = 0; i < 4; i++) w = w * 0.5 + q.p.x; sum += q.area * w; }",
             "{ float w = q.area; if (x.x > 0.5) w *= 2.0; sum += w; }",
+            "{ if (q.area > 0.0) sum += q.area * k; }",
+            "{ float3 c = q.part == 0 ? float3(1.0) : q.normal; sum += q.area * dot(c, c) / (1.0 + q.p.z * q.p.z); }",
             "acc[q.part & 3] += q.area; sum = acc[0] + acc[1] * k;",
         )
         loud = (
@@ -107,12 +109,27 @@ class Pieces(Case):
             "{ sum += other * k; other *= 1.0 - q.area; }",
             "acc[q.part & 3] += 1.0; sum = acc[0] + acc[1] * k;",
             "{} sum = m.first(b).found ? 1.0 : 0.0;",
+            "{} sum = k * m.first(b).area;",
+            "{} sum = m.next(m.first(b)).area;",
+            "sum += q.area / max(q.area, 1e-9);",
+            "{ other += 1.0; sum += q.area * other; }",
+            "{ other += 1.0; sum += q.area; if (other > 2.0) break; }",
+            "{ sum += q.area; if (q.part == 1) break; }",
+            "sum += q.area * (1.0 + sum);",
+            "sum = lerp(sum, 1.0, q.area);",
+            "{ if (q.area > 0.1) sum += q.area; }",
+            "sum += sqrt(q.area);",
         )
         before = "float other = 1.0; float acc[4]; for (int i = 0; i < 4; i++) acc[i] = 0.0; b.corner.x += 0.1 * x.x; "
         for body, warned in [(s, False) for s in silent] + [(s, True) for s in loud] + [("sum += 1.0;", None)]:
             with self.subTest(body=body):
                 self.program(before + ("[NoDisc] " if warned is None else "") + loop + body, more="param float k = 1.0;\n")
                 self.assertEqual("visible pieces" in self.run_cli("explain", "m.salt").err, bool(warned))
+        for window in ("b.corner.x += 0.01 * float(pixel().x); ", ""):  # one for a pixel, one for all
+            self.program(window + loop + "sum += 1.0;")
+            self.assertIn("W0402", self.run_cli("explain", "m.salt").err)
+            self.program(window + loop + "sum += q.area * q.p.z;")
+            self.assertNotIn("W04", self.run_cli("explain", "m.salt").err)
         self.program("for (int i = 0; i < 3; i++) { b.eye.x += 0.1; " + loop + "sum += q.area * float(i); }")
         self.assertNotIn("W04", self.run_cli("explain", "m.salt").err)
 
