@@ -481,12 +481,41 @@ static void test_together(void **state) {
     free(s), free(a);
 }
 
+/* A call padded with copies of a sample asks once: lanes with the question of the lane before have its answer. */
+static void test_copies(void **state) {
+    (void)state;
+    enum { WIDTH = 8 };
+    LitScene *s = calloc(1, sizeof *s);
+    Answer *a = calloc(1, sizeof *a);
+    double rays[SLT_LOBE_ROWS][WIDTH];
+    int32_t unit[WIDTH];
+    for (int lobe = 0; lobe < 2; lobe++) {
+        set_scene(s, 1);
+        Trimesh *m = make(s, true);
+        const SltGeometry *g = &m->base.shared;
+        ask(m, s, lobe, LIGHT_BY_COUNTS, a);
+        for (uint32_t r = 0; r < SLT_LOBE_ROWS; r++)
+            for (uint32_t k = 0; k < WIDTH; k++) rays[r][k] = s->row[r] + (r == 0 && k >= 4 ? 0.01 : 0);
+        pieces_begin();
+        g->query[lobe ? SLT_QUERY_LTC : SLT_QUERY_IRRADIANCE](g, s->at, rays, 0xee, WIDTH, unit);
+        assert_int_equal(unit[0], 0);
+        assert_int_equal(unit[4], 0);
+        for (uint32_t k = 1; k < WIDTH; k++)
+            if (k != 4) assert_int_equal(unit[k], unit[k < 4 ? 1 : 5]);
+        assert_int_not_equal(unit[1], unit[5]);
+        assert_true(told(true, unit[1], SLT_LIGHT_VALUE) == a->value);
+        assert_true(told(true, unit[5], SLT_LIGHT_VALUE) != a->value);
+        geometry_free(&m->base.shared);
+    }
+    free(s), free(a);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_unoccluded),   cmocka_unit_test(test_horizon),    cmocka_unit_test(test_half_hidden),
         cmocka_unit_test(test_at_the_light), cmocka_unit_test(test_degenerate), cmocka_unit_test(test_on_the_mesh),
         cmocka_unit_test(test_values),       cmocka_unit_test(test_grids),      cmocka_unit_test(test_derivatives),
-        cmocka_unit_test(test_together),
+        cmocka_unit_test(test_together),     cmocka_unit_test(test_copies),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
