@@ -43,6 +43,8 @@ static const struct FacetSearch *facets(TrimeshIsa isa) {
 
 /* ---- queries */
 
+static const uint32_t lighting = 1u << SLT_QUERY_IRRADIANCE | 1u << SLT_QUERY_LTC;
+
 static BvhScene scene_of(const SltGeometry *g, const void *values) {
     const Trimesh *m = g->made;
     bool moved = g != &m->base.shared; /* a copy for finite differences */
@@ -150,8 +152,11 @@ static void seen(const SltGeometry *g, const void *values, const void *rays, uin
 static void light(const SltGeometry *g, SltQuery what, const void *values, const void *rays, uint64_t mask,
                   uint32_t width, int32_t *witness) {
     const Trimesh *m = g->made;
-    const LightScene s = {
-        .tree = scene_of(g, values), .adjacency = &m->adjacency, .search = m->rays->by[m->from.f64], .values = values};
+    const LightScene s = {.tree = scene_of(g, values),
+                          .adjacency = &m->adjacency,
+                          .search = m->rays->by[m->from.f64],
+                          .values = values,
+                          .both = (m->from.queries & lighting) == lighting};
     uint32_t like[64];
     const uint32_t rows = what == SLT_QUERY_LTC ? SLT_LOBE_ROWS : SLT_LIGHT_ROWS;
     const uint64_t own = asking(rays, m->from.f64, mask, width, rows, SLT_LIGHT_P, like);
@@ -179,7 +184,6 @@ static void blocked(const SltGeometry *g, const void *values, const void *rays, 
 
 /* ---- the seam */
 
-static const uint32_t lighting = 1u << SLT_QUERY_IRRADIANCE | 1u << SLT_QUERY_LTC;
 static const uint32_t searching = 1u << SLT_QUERY_TRACE | 1u << SLT_QUERY_OCCLUDED | 1u << SLT_QUERY_PIECES |
                                   1u << SLT_QUERY_SEEN | 1u << SLT_QUERY_BLOCKED | lighting;
 
