@@ -118,6 +118,12 @@ static void above(const Light *l, const Window *w, Polygon *p) {
 
 /* ---- silhouettes */
 
+/* Is the box of the piece wholly, and by more than rounding, on one side of the line? */
+static bool keeps_clear(const double g[3], const Polygon *p) {
+    const double wide = 0.5 * (p->high[0] - p->low[0]), high = 0.5 * (p->high[1] - p->low[1]);
+    return fabs(light_at(g, p->low[0] + wide, p->low[1] + high)) > fabs(g[0]) * wide + fabs(g[1]) * high + 1e-9;
+}
+
 /* Cuts piece number `which` if the segment runs through it. A side that it lies on becomes its. */
 static void cut(Light *l, uint32_t which, uint32_t line) {
     const Segment *s = &l->store->segment.data[line];
@@ -126,6 +132,7 @@ static void cut(Light *l, uint32_t which, uint32_t line) {
     bool plus, minus;
     for (int i = 0; i < 2; i++)
         if (s->high[i] < p->low[i] - LIGHT_ON_LINE || s->low[i] > p->high[i] + LIGHT_ON_LINE) return;
+    if (keeps_clear(s->g, p)) return;
     sides_of(p, s->g, 1, d, &plus, &minus);
     for (uint32_t k = 0; k < p->n; k++) {
         const uint32_t next = k + 1 < p->n ? k + 1 : 0;
