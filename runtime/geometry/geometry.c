@@ -35,6 +35,8 @@ SltGeometry geometry_moved(const SltGeometry *g, const void *from, const void *t
 
 bool geometry_lost(const SltGeometry *g) { return ops(g)->lost && ops(g)->lost(g); }
 
+uint64_t geometry_unmet(const SltGeometry *g) { return ops(g)->unmet ? ops(g)->unmet(g) : 0; }
+
 size_t geometry_bytes(const SltGeometry *g) { return ops(g)->bytes(g); }
 
 const char *geometry_describe(const SltGeometry *g) { return ops(g)->describe(g); }
