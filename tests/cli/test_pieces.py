@@ -1,4 +1,6 @@
 """Visible pieces from the outside: what a window sees of simple meshes, pieces handed about, differences, what is not asked."""
+import math
+
 from harness import *
 
 # Seen from (0, 0, 2) through the window [-1, 1]^2 at z = 0: a quarter of it, its half of the depth beyond nearer.
@@ -62,6 +64,25 @@ class Pieces(Case):
         for args in ((), ("--precision", "f64"), ("--width", "4")):
             with self.subTest(args):
                 self.assertIn("PASS", self.run_cli("check", "m.salt", *args).out)
+
+    def test_reverse_searches_once(self):
+        """Of many pieces that ask for light: a frame for each on the tape, with what was found, whatever the bound of the loop; and the derivative is right."""
+        n = 12
+        wavy = "".join("v %.4f %.4f %.4f\n" % (1.6 * i / n - 0.8, 1.6 * k / n - 0.8, 0.1 * math.sin(2.0 * i) * math.cos(1.7 * k)) for k in range(n + 1) for i in range(n + 1))
+        wavy += "".join("f %d %d %d %d\n" % (a, a + 1, a + n + 2, a + n + 1) for k in range(n) for i in range(n) for a in [k * (n + 1) + i + 1])
+        more = "param float3 lamp = float3(-0.4, -0.3, 1.5);\nparam float s = 1.3;\n"
+        self.program("AreaLight l = {lamp, float3(0.0, 0.7, 0.0), float3(0.6, 0.0, 0.0)}; for (Piece q = m.first(b); q.found; q = m.next(q)) sum += s * q.area * m.irradiance(q.p, q.normal, l);", mesh=wavy, more=more)
+        tape = self.run_cli("explain", "m.salt").out.split("tape of vjp")[1].split("\n\n")[0]
+        self.assertIn("for each of what is told", tape)
+        self.assertIn("witness (nothing is searched again)", tape)
+        self.assertNotIn("checkpointed", tape)
+        gradient = self.integral()["gradient"]
+        self.assertAlmostEqual(gradient["s"] * 1.3, self.integral()["integral"][0], delta=1e-12)
+        self.assertEqual(gradient["lamp"], self.integral("--interpret")["gradient"]["lamp"])
+        h = 1e-4
+        for k, at in enumerate((-0.4, -0.3, 1.5)):
+            sides = [self.integral("--param", "lamp.%s=%r" % ("xyz"[k], at + sign * h))["integral"][0] for sign in (1, -1)]
+            self.assertAlmostEqual(gradient["lamp"][k], (sides[0] - sides[1]) / (2 * h), delta=1e-6)
 
     def test_nothing_knows_bounds(self):
         """Nobody runs boxes through a loop over pieces, which would not end."""
