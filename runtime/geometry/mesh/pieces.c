@@ -190,7 +190,6 @@ bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint3
     Places lie;
     Rectangle all;
     Neighbours group;
-    for (uint32_t k = 0; k < width; k++) witness[k] = 0;
     if (!s.store || !s.store->n) return false;
     s.store->lost = false;
     scene->facets->read(&beams, s.f64, rays, mask, width);
@@ -208,10 +207,10 @@ bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint3
         scene->facets->survey(&s, &beams, &lie, &group);
         s.alike = group.alike;
         for (uint32_t k = base; k <= group.last; k++) {
+            if (!(beams.mask >> k & 1)) continue;
             const uint32_t n = group.first[k + 1] - group.first[k];
             s.first = s.last = 0;
-            if (n && beams.mask >> k & 1 && window_set(&s.window, &beams, k))
-                look_through(&s, s.store->candidate.data + group.first[k], n);
+            if (n && window_set(&s.window, &beams, k)) look_through(&s, s.store->candidate.data + group.first[k], n);
             witness[k] = (int32_t)s.first;
         }
         beams.mask &= group.last == LANES - 1 ? 0 : ~0ull << (group.last + 1);

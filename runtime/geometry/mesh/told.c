@@ -25,7 +25,7 @@ static void release(void *p) {
     Store *s = p;
     free(s->unit), free(s->list.data), free(s->near.data), free(s->found.data), free(s->candidate.data);
     free(s->facet.data);
-    free(s->chosen.data), free(s->crossing.data), free(s->piece.data), free(s->live.data), free(s);
+    free(s->chosen.data), free(s->crossing.data), free(s->piece.data), free(s->live.data), free(s->held.all), free(s);
 }
 
 static void make_key(void) { (void)pthread_key_create(&key, release); }
@@ -71,7 +71,17 @@ Store *told_store(void) {
 }
 
 void pieces_begin(void) {
-    if (own) empty(own);
+    if (own && own->held.on && own->n) count_units(own, held_begin(&own->held, own->n));
+    else if (own) empty(own);
+}
+
+Held *pieces_held(void) { return own && own->held.on ? &own->held : NULL; }
+
+void pieces_hold(bool on) {
+    Store *s = told_store();
+    if (!s) return;
+    held_set(&s->held, on);
+    empty(s);
 }
 
 const void *pieces_told(void) {

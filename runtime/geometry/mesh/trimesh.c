@@ -95,18 +95,25 @@ static bool same_beam(const void *rays, bool f64, uint32_t width, uint32_t a, ui
 static void find(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width, bool sides,
                  int32_t *witness) {
     const Trimesh *m = g->made;
+    Held *held = pieces_held();
+    sides |= held && m->has_adjacency; /* who asks again may want them */
     const PieceScene s = {
         .tree = scene_of(g, values), .values = values, .adjacency = sides ? &m->adjacency : NULL, .facets = m->facets};
-    uint64_t own = mask;
+    uint64_t own = mask, known = 0;
     uint32_t like[64], last = 0;
     for (uint32_t k = 0; k < width; k++) {
+        witness[k] = 0;
         if (!(mask >> k & 1)) continue;
         bool again = own >> last & 1 && last < k && same_beam(rays, m->from.f64, width, last, k);
         if (again) own &= ~((uint64_t)1 << k);
         else last = k;
         like[k] = last;
     }
-    if (!pieces_find(&s, rays, own, width, witness)) atomic_store(m->lost, true);
+    if (held) known = held_find(held, g, rays, m->from.f64, own, width, witness);
+    if (own != known) {
+        if (!pieces_find(&s, rays, own & ~known, width, witness)) atomic_store(m->lost, true);
+        else if (held) held_add(held, g, rays, m->from.f64, own & ~known, width, witness);
+    }
     for (uint32_t k = 0; k < width; k++)
         if ((mask & ~own) >> k & 1) witness[k] = witness[like[k]];
 }
@@ -267,5 +274,6 @@ const GeometryOps geometry_mesh = {.make = make,
                                    .follow = follow,
                                    .growth = growth,
                                    .lost = lost,
+                                   .hold = pieces_hold,
                                    .bytes = held,
                                    .describe = text};

@@ -81,10 +81,18 @@ typedef struct Unit {
     double number[SLT_TOLD];
 } Unit;
 
+/* held.c */
+struct Held {
+    bool on, full;           /* full: nothing more is kept */
+    uint32_t n, kept;        /* windows; units of the store that stay */
+    struct HeldWindows *all; /* NULL: none so far */
+};
+
 typedef struct Store {
     Unit *unit; /* the number of the last unit, then n units, of floats half as long */
     uint32_t n, room;
     bool lost; /* something did not fit */
+    Held held;
     ROW(int32_t) list;
     ROW(Near) near;
     ROW(Candidate) found, candidate;
