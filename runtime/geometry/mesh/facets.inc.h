@@ -185,11 +185,12 @@ INLINE void spread_of(double s, double t, double spread[2]) {
 }
 
 /* Of d . n at the corners of the windows of eight lanes. */
-INLINE void range_of(const double n[3], const Beams *b, uint32_t k, bool alike, const double spread[2], D8 *least,
-                     D8 *most) {
+INLINE void range_of(const double n[3], const Beams *b, uint32_t k, bool alike, const double spread[2], D8 *first,
+                     D8 *least, D8 *most) {
     D8 row[3], c, s, t;
     for (int a = 0; a < 3; a++) row[a] = *(const Wide *)&b->row[SLT_BEAM_CORNER + a][k];
     dot8(row, n, &c);
+    *first = c;
     *least = *most = c;
     if (alike) {
         *least = c + spread[0], *most = c + spread[1];
@@ -214,12 +215,12 @@ INLINE void meet_lanes(Store *store, const Beams *b, const Places *lie, uint32_t
             (*(const Wide *)&lie->lo[1][k] <= t->hi[1]) & (*(const Wide *)&lie->hi[1][k] >= t->lo[1]);
     if (!(bits_D8(in) & on)) return;
     L8 fills = in;
-    D8 least, most;
+    D8 least, most, first[4];
     for (int e = 0; e < 3; e++) {
-        range_of(t->normal[e], b, k, alike, spread[e], &least, &most);
+        range_of(t->normal[e], b, k, alike, spread[e], &first[e], &least, &most);
         in &= most > 0, fills &= least > 0;
     }
-    range_of(t->depth, b, k, alike, spread[3], &least, &most);
+    range_of(t->depth, b, k, alike, spread[3], &first[3], &least, &most);
     in &= (most >= *hidden) & (least >= -DBL_MAX) & (most <= DBL_MAX);
     uint32_t some = bits_D8(in) & on;
     if (!some) return;
@@ -227,12 +228,17 @@ INLINE void meet_lanes(Store *store, const Beams *b, const Places *lie, uint32_t
     const uint32_t filling = bits_D8(fills);
     D8 nearest = (D8)((fills & (L8)least) | (~fills & (L8)*hidden));
     keep_max(hidden, &nearest);
-    Row low, high;
-    memcpy(&low, &least, sizeof low), memcpy(&high, &most, sizeof high);
+    Row low, high, c[3];
+    memcpy(&low, &least, sizeof low), memcpy(&high, &most, sizeof high), memcpy(c, first, sizeof c);
     for (; some; some &= some - 1) {
         const uint32_t i = (uint32_t)__builtin_ctz(some);
-        store->found.data[store->found.n++] =
-            (Candidate){low.at[i], high.at[i], t->triangle, number, (uint8_t)(k + i), filling >> i & 1};
+        store->found.data[store->found.n++] = (Candidate){.least = low.at[i],
+                                                          .most = high.at[i],
+                                                          .c = {c[0].at[i], c[1].at[i], c[2].at[i]},
+                                                          .triangle = t->triangle,
+                                                          .near = number,
+                                                          .lane = (uint8_t)(k + i),
+                                                          .fills = filling >> i & 1};
     }
 }
 

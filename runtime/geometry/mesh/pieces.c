@@ -148,11 +148,12 @@ static void look_through(Search *s, Candidate *c, uint32_t n) {
         told_whole(s, c->triangle);
         return;
     }
+    sort(c, n);
+    if (n >= 2 && n <= SHEET && told_sheet(s, c, n)) return;
     store->facet.n = store->chosen.n = 0;
     if (!window_room(store, &store->facet.data, 0, &store->facet.room, n, sizeof *store->facet.data) ||
         !window_room(store, &store->chosen.data, 0, &store->chosen.room, n, sizeof *store->chosen.data))
         return;
-    sort(c, n);
     s->candidate = c;
     for (uint32_t i = 0; i < n; i++) store->chosen.data[store->chosen.n++] = i;
     if (n > FEW_FACETS || s->scene->adjacency) window_planes(&s->window);
@@ -205,6 +206,7 @@ bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint3
         neighbours(&beams, base, width, &lie, &all, &group);
         scene->facets->list(&s, &window, &all);
         scene->facets->survey(&s, &beams, &lie, &group);
+        scene->facets->sheets(&s, &beams, &group);
         s.alike = group.alike;
         for (uint32_t k = base; k <= group.last; k++) {
             if (!(beams.mask >> k & 1)) continue;

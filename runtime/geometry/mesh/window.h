@@ -28,8 +28,10 @@ typedef struct Near {
 /* One that the window of a lane may see. */
 typedef struct Candidate {
     double least, most; /* of 1 / t at the window's corners */
+    double c[3];        /* g of its edges at the first corner */
     int32_t triangle;
     uint32_t near; /* its number */
+    uint32_t part; /* of sheets: where it was measured (sheet.inc.h) */
     uint8_t lane;
     bool fills; /* all of the window */
 } Candidate;
@@ -43,6 +45,16 @@ typedef struct Facet {
     bool turned;
 } Facet;
 
+/* What eight triangles have of a window each: sheet.inc.h. */
+typedef struct Parts {
+    double g[3][3][8]; /* of each edge */
+    double area[8], centre[2][8];
+    double end[3][4][8]; /* of the part of each edge in the window: s and t of its begin, of its end */
+    double weight[3][8]; /* SLT_SIDE_WEIGHT */
+    uint8_t there[3];    /* bit i: of triangle i this edge has a part */
+    uint8_t good;        /* bit i: all that is known */
+} Parts;
+
 /* Where two facets cross. */
 typedef struct Crossing {
     double g[3];
@@ -55,12 +67,14 @@ typedef struct Crossing {
 #define SIDE_CROSSING 0x80000000u
 
 enum {
+    SHEET = 16,      /* triangles that a window of one sheet may see, at most */
     FEW_FACETS = 48, /* facets in a part of a window that is not halved */
     CORNERS = 16,    /* of a polygon, at most; one that is kept has at most KEPT */
     KEPT = 12
 };
 #define ON_LINE 2e-13 /* of a window's side: nearer to a line is on it */
 #define SAME_DEPTH 1e-11
+#define COVERED 1e-12 /* of a rectangle may be left of it that counts as covered */
 
 /* Counter-clockwise in (s, t). Side k goes from corner k to the next. */
 typedef struct Polygon {
@@ -96,6 +110,7 @@ typedef struct Store {
     ROW(int32_t) list;
     ROW(Near) near;
     ROW(Candidate) found, candidate;
+    ROW(Parts) parts;
     ROW(Facet) facet;
     ROW(uint32_t) chosen; /* facets of a part of the window */
     ROW(Crossing) crossing;
@@ -151,6 +166,8 @@ typedef struct FacetSearch {
     void (*list)(Search *s, const Window *window, const Rectangle *r);
     /* Fills store->candidate with those of them that the windows may see. */
     void (*survey)(Search *s, const Beams *b, const Places *lie, Neighbours *n);
+    /* Measures what of them may be one sheet across a window. */
+    void (*sheets)(Search *s, const Beams *b, const Neighbours *n);
     /* store->live becomes what is seen in a rectangle of facets chosen[from], ..., nearest first. */
     void (*cover)(Search *s, const Rectangle *r, uint32_t from, uint32_t n);
     /* What lies on either side of the line g = 0; in: where it is positive. */
@@ -198,6 +215,8 @@ static inline void window_facets(const Search *s, uint32_t n) {
 /* told.c */
 Store *told_store(void); /* of the thread; NULL: out of memory */
 void told_whole(Search *s, int32_t triangle);
+/* Of n candidates, nearest first: false: they are not one sheet in front of all others, and nothing is told. */
+bool told_sheet(Search *s, const Candidate *c, uint32_t n);
 void told_piece(Search *s, const Polygon *p);
 
 #endif
