@@ -21,6 +21,8 @@ typedef struct Near {
     double depth[3];     /* d . depth is 1 / t */
     double lo[2], hi[2]; /* where it lies in the window that it was listed for */
     double along[2][4];  /* normals and depth times that window's u and v */
+    double spread[2][4]; /* what these add at a window's corners: the least and the most. Adding rounds alike whichever
+                            is added, so what is least here is least of the sums */
     int32_t triangle;
     bool turned; /* edges run from their second corner to their first for g to be positive inside */
 } Near;
@@ -67,7 +69,7 @@ typedef struct Crossing {
 #define SIDE_CROSSING 0x80000000u
 
 enum {
-    SHEET = 16,      /* triangles that a window of one sheet may see, at most */
+    SHEET = 48,      /* triangles that a window of one sheet may see, at most */
     FEW_FACETS = 48, /* facets in a part of a window that is not halved */
     CORNERS = 16,    /* of a polygon, at most; one that is kept has at most KEPT */
     KEPT = 12
