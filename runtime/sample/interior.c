@@ -10,7 +10,7 @@
 #include "runtime/sample/boundary.h"
 #include "runtime/sample/interior.h"
 
-enum { INTEGRAL_TILE = 8192 };
+enum { INTEGRAL_TILE = 8192, COLUMN = 8 /* pixels across */ };
 
 static uint32_t half_count(const SltJob *j, uint32_t half) {
     uint32_t spp = j->spp && !j->centred ? j->spp : 1;
@@ -24,12 +24,22 @@ static uint32_t tile_side(const Run *r, uint32_t side2) {
     return r->grid.dim == 1 ? side2 * side2 : r->grid.dim == 2 ? side2 : side2 / 4;
 }
 
+/* Samples of one call lie in a block rather than in a row where a geometry tells of windows: what they see together is
+ * looked for once. */
+static bool in_columns(const Run *r) {
+    if (r->grid.dim != 2 || prune_can(r->s)) return false;
+    for (uint32_t g = 0; g < r->s->ngeometries; g++)
+        if (r->s->geometries[g]->told) return true;
+    return false;
+}
+
 static void plan(Interior *p, Run *r, uint32_t half, uint32_t side) {
     const Grid *g = &r->grid;
+    const uint32_t column = in_columns(r) ? side / COLUMN : 1;
     p->run = r, p->half = half, p->count = half_count(r->j, half);
     p->ntiles = 1;
     for (uint32_t d = 0; d < 3; d++) {
-        p->tile[d] = d >= g->dim ? 1 : side;
+        p->tile[d] = d >= g->dim ? 1 : d == 0 ? side / column : side * column;
         p->tiles[d] = (g->n[d] + p->tile[d] - 1) / p->tile[d];
         p->ntiles *= p->tiles[d];
     }
