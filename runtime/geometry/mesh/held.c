@@ -56,13 +56,23 @@ static inline uint32_t word_of(const Rows *r, uint32_t k, uint32_t i) {
     return word;
 }
 
+/* Of eye and corner, which tell nearly all windows apart. */
 static void hash(const Rows *r, uint32_t out[LANES]) {
+    uint64_t wide[LANES];
+    uint32_t word[LANES];
     for (uint32_t k = 0; k < r->width; k++) out[k] = 0;
-    for (uint32_t i = 0; i < r->words; i++)
+    for (uint32_t i = 0; i < SLT_BEAM_U; i++) {
+        if (r->f64) {
+            memcpy(wide, r->at + (size_t)i * r->width * sizeof *wide, r->width * sizeof *wide);
+            for (uint32_t k = 0; k < r->width; k++) word[k] = (uint32_t)(wide[k] ^ wide[k] >> 32);
+        } else {
+            memcpy(word, r->at + (size_t)i * r->width * sizeof *word, r->width * sizeof *word);
+        }
         for (uint32_t k = 0; k < r->width; k++) {
-            const uint32_t h = (out[k] ^ word_of(r, k, i)) * 0x9e3779b1u;
+            const uint32_t h = (out[k] ^ word[k]) * 0x9e3779b1u;
             out[k] = h ^ h >> 15;
         }
+    }
 }
 
 static bool same(const Held *h, int32_t number, const void *of, const Rows *r, uint32_t k) {

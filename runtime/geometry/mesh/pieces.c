@@ -48,16 +48,12 @@ static int nearest_first(const void *x, const void *y) {
     return (a->triangle > b->triangle) - (a->triangle < b->triangle);
 }
 
-static void sort(Candidate *c, uint32_t n) {
-    if (n > FEW_FACETS) {
-        qsort(c, n, sizeof *c, nearest_first);
-        return;
-    }
-    for (uint32_t i = 1; i < n; i++) {
-        const Candidate one = c[i];
+/* Numbers of a few candidates, nearest first. */
+static void order_few(const Candidate *c, uint32_t n, uint8_t order[FEW_FACETS]) {
+    for (uint32_t i = 0; i < n; i++) {
         uint32_t k = i;
-        for (; k > 0 && nearest_first(&c[k - 1], &one) > 0; k--) c[k] = c[k - 1];
-        c[k] = one;
+        for (; k > 0 && nearest_first(&c[order[k - 1]], &c[i]) > 0; k--) order[k] = order[k - 1];
+        order[k] = (uint8_t)i;
     }
 }
 
@@ -148,8 +144,16 @@ static void look_through(Search *s, Candidate *c, uint32_t n) {
         told_whole(s, c->triangle);
         return;
     }
-    sort(c, n);
-    if (n >= 2 && n <= SHEET && told_sheet(s, c, n)) return;
+    if (n <= FEW_FACETS) {
+        uint8_t order[FEW_FACETS];
+        order_few(c, n, order);
+        if (n >= 2 && told_sheet(s, c, n, order)) return;
+        Candidate *sorted = store->found.data; /* nobody needs these any more, of which c are some */
+        for (uint32_t i = 0; i < n; i++) sorted[i] = c[order[i]];
+        c = sorted;
+    } else {
+        qsort(c, n, sizeof *c, nearest_first);
+    }
     store->facet.n = store->chosen.n = 0;
     if (!window_room(store, &store->facet.data, 0, &store->facet.room, n, sizeof *store->facet.data) ||
         !window_room(store, &store->chosen.data, 0, &store->chosen.room, n, sizeof *store->chosen.data))

@@ -92,13 +92,13 @@ static void measure_sheets(Search *s, const Beams *b, const Neighbours *group) {
     for (uint32_t k = group->base; k <= group->last; k++) {
         Candidate *c = store->candidate.data + group->first[k];
         const uint32_t count = group->first[k + 1] - group->first[k];
-        if (count < 2 || count > SHEET) continue;
+        if (count < 2 || count > FEW_FACETS) continue;
         uint32_t nearest = 0;
         for (uint32_t i = 1; i < count; i++)
             if (c[i].most > c[nearest].most || (c[i].most == c[nearest].most && c[i].triangle < c[nearest].triangle))
                 nearest = i;
         const bool turned = store->near.data[c[nearest].near].turned;
-        if (!window_room(store, &store->parts.data, n / 8, &store->parts.room, SHEET / 8 + 1,
+        if (!window_room(store, &store->parts.data, n / 8, &store->parts.room, FEW_FACETS / 8 + 1,
                          sizeof *store->parts.data))
             return;
         for (uint32_t i = 0; i < count; i++) {

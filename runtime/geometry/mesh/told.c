@@ -171,32 +171,34 @@ static void tell_part(Search *s, const Candidate *c) {
     tell(s, c->triangle, p->area[i], p->centre[0][i], p->centre[1][i], sides);
 }
 
-bool told_sheet(Search *s, const Candidate *c, uint32_t n) {
+bool told_sheet(Search *s, const Candidate *all, uint32_t n, const uint8_t *order) {
     const Store *store = s->store;
-    const bool turned = store->near.data[c->near].turned;
+    const bool turned = store->near.data[all[order[0]].near].turned;
     double area = 0, least = HUGE_VAL, most = -HUGE_VAL; /* of these; of others before they cover all */
     uint64_t open = 0;                                   /* 0: each part of an edge has its other side */
-    uint32_t chosen[SHEET], count = 0;
+    uint8_t chosen[FEW_FACETS];
+    uint32_t count = 0;
     for (uint32_t i = 0; i < n; i++) {
-        if (area >= 1 - COVERED || store->near.data[c[i].near].turned != turned) {
-            if (c[i].most > most) most = c[i].most;
+        const Candidate *c = &all[order[i]];
+        if (area >= 1 - COVERED || store->near.data[c->near].turned != turned) {
+            if (c->most > most) most = c->most;
             if (area >= 1 - COVERED) break;
             continue;
         }
-        const Parts *p = &store->parts.data[c[i].part / 8];
-        const uint32_t bit = c[i].part % 8;
+        const Parts *p = &store->parts.data[c->part / 8];
+        const uint32_t bit = c->part % 8;
         if (!(p->good >> bit & 1)) return false;
         for (uint32_t k = 0; k < 3; k++) {
             int32_t edge[2];
             if (!(p->there[k] >> bit & 1)) continue;
-            edge_of(s, &c[i], k, edge);
+            edge_of(s, c, k, edge);
             open += number_of(edge[0], edge[1]);
         }
-        area += p->area[bit], chosen[count++] = i;
-        if (c[i].least < least) least = c[i].least;
+        area += p->area[bit], chosen[count++] = order[i];
+        if (c->least < least) least = c->least;
     }
     if (!(fabs(area - 1) <= COVERED) || open || most > least) return false;
-    for (uint32_t i = 0; i < count; i++) tell_part(s, &c[chosen[i]]);
+    for (uint32_t i = 0; i < count; i++) tell_part(s, &all[chosen[i]]);
     return true;
 }
 

@@ -69,7 +69,6 @@ typedef struct Crossing {
 #define SIDE_CROSSING 0x80000000u
 
 enum {
-    SHEET = 48,      /* triangles that a window of one sheet may see, at most */
     FEW_FACETS = 48, /* facets in a part of a window that is not halved */
     CORNERS = 16,    /* of a polygon, at most; one that is kept has at most KEPT */
     KEPT = 12
@@ -217,8 +216,9 @@ static inline void window_facets(const Search *s, uint32_t n) {
 /* told.c */
 Store *told_store(void); /* of the thread; NULL: out of memory */
 void told_whole(Search *s, int32_t triangle);
-/* Of n candidates, nearest first: false: they are not one sheet in front of all others, and nothing is told. */
-bool told_sheet(Search *s, const Candidate *c, uint32_t n);
+/* Of n candidates, at most FEW_FACETS, by numbers, nearest first. False: they are not one sheet in front of all
+ * others, and nothing is told. */
+bool told_sheet(Search *s, const Candidate *c, uint32_t n, const uint8_t *order);
 void told_piece(Search *s, const Polygon *p);
 
 #endif
