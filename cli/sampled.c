@@ -97,6 +97,15 @@ static const SltPlace *range_text(const SltStats *s, char *buf, size_t size) {
     return s->out_of_range ? &s->out_of_range_at : NULL;
 }
 
+static const SltPlace *unmet_text(const SltStats *s, char *buf, size_t size) {
+    const char *mesh = s->unmet_at.text;
+    snprintf(buf, size,
+             "triangles%s%s%s that nothing meets: %llu; a corner of each is not finite, or beyond 8.5e37, where boxes "
+             "in single precision end",
+             mesh ? " of `" : "", mesh ? mesh : "", mesh ? "`" : "", (unsigned long long)s->unmet);
+    return s->unmet ? &s->unmet_at : NULL;
+}
+
 /* Else the certificate would be believed of these jumps too. */
 static const SltPlace *upset_text(const SltStats *s, char *buf, size_t size) {
     snprintf(
@@ -138,9 +147,10 @@ const SltPlace *report_nonfinite_text(const SltStats *s, char *buf, size_t size)
 static const struct {
     const char *code;
     Warn *text;
-} sampled[] = {{"dropped", dropped_text},           {"coincident", coincident_text}, {"few_ulps", ulps_text},
-               {"out_of_range", range_text},        {"upset", upset_text},           {"singular", singular_text},
-               {"nonfinite", report_nonfinite_text}};
+} sampled[] = {{"dropped", dropped_text}, {"coincident", coincident_text},
+               {"few_ulps", ulps_text},   {"out_of_range", range_text},
+               {"upset", upset_text},     {"singular", singular_text},
+               {"unmet", unmet_text},     {"nonfinite", report_nonfinite_text}};
 enum { SAMPLED = sizeof sampled / sizeof *sampled };
 
 void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s) { report_warnings_and(out, p, s, NULL, 0); }

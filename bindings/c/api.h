@@ -144,6 +144,8 @@ void api_geometries_want(SltProgram *p, const Fn *fn); /* fn will run: the next 
 /* Makes the geometries that compiled kernels ask for; those that are there follow their numbers in flt. */
 SltStatus api_geometries(SltProgram *p, SltError *err);
 bool api_geometries_lost(const SltProgram *p); /* geometry_lost of any */
+/* geometry_unmet of all, and the declaration of the first that has any. */
+void api_geometries_unmet(const SltProgram *p, SltStats *stats);
 
 /* ---- derived.c */
 void api_derived_lower(SltProgram *p); /* with the shader's primal */

@@ -128,7 +128,7 @@ SltStatus api_call_end(ApiCall *c, SltStatus status) {
             status_fail(c->err, SLT_LIMIT,
                         "out of memory for the visible pieces of a mesh: at most 2^24 pieces and sides are kept for "
                         "the samples that run together, so let windows be smaller, or fewer in a loop");
-    if (c->stats) api_name_drops(p, c->stats);
+    if (c->stats) api_name_drops(p, c->stats), api_geometries_unmet(p, c->stats);
     if (c->theirs) api_struct_write(c->theirs, c->stats, sizeof *c->stats);
     p->scene.iparams = p->ints, p->lent_ints = NULL;
     free(c->ints);

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bindings/c/api.h"
+#include "bindings/c/place.h"
 
 static uint32_t block_queries(const Block *b, uint32_t geometry) {
     uint32_t queries = 0;
@@ -98,6 +98,16 @@ bool api_geometries_lost(const SltProgram *p) {
     for (uint32_t g = 0; p->geometries && g < p->prog->ngeometries; g++)
         lost |= p->geometries[g] && geometry_lost(p->geometries[g]);
     return lost;
+}
+
+void api_geometries_unmet(const SltProgram *p, SltStats *stats) {
+    stats->unmet = 0, stats->unmet_at = (SltPlace){0};
+    for (uint32_t g = 0; p->geometries && g < p->prog->ngeometries; g++) {
+        const uint64_t n = p->geometries[g] ? geometry_unmet(p->geometries[g]) : 0;
+        if (n && !stats->unmet)
+            api_name_place(p, &stats->unmet_at, p->prog->params[p->prog->geometries[g].param].sym->span);
+        stats->unmet += n;
+    }
 }
 
 SltStatus api_geometries(SltProgram *p, SltError *err) {

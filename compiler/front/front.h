@@ -51,6 +51,7 @@ typedef enum JumpKind {
     JUMP_BUILTIN,
     JUMP_ALWAYS,  /* a value that jumps and cannot be a site */
     JUMP_TRACE,   /* likewise a value that jumps, which [Disc] makes a site of */
+    JUMP_PIECES,  /* a query of visible pieces: jumps where not all of them count by their area */
     JUMP_INTEGER, /* a comparison of integers under [Disc], which jumps where they do */
     JUMP_SKIPPED  /* of one iteration, under [SkipLoop]: tagged, and no site by itself; opt_skips.c */
 } JumpKind;

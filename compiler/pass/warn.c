@@ -339,7 +339,7 @@ static void tell_others(const Warn *w) {
 }
 
 /* It jumps wherever it changes: no probe is needed. */
-static bool is_always(JumpKind kind) { return kind == JUMP_ALWAYS || kind == JUMP_TRACE; }
+static bool is_always(JumpKind kind) { return kind == JUMP_ALWAYS || kind == JUMP_TRACE || kind == JUMP_PIECES; }
 
 static void report_untracked(Warn *w) {
     const Program *program = w->ctx->program;
@@ -360,6 +360,7 @@ static void report_untracked(Warn *w) {
             report_stepping(w, t->at, t->span);
             continue;
         }
+        if (t->kind == JUMP_PIECES && !warn_pieces(w->fn, t->at)) continue;
         Depend d = {0};
         if (t->g0) depend_merge(&d, &w->dep[t->g0->id]);
         if (t->g1) depend_merge(&d, &w->dep[t->g1->id]);
@@ -388,8 +389,9 @@ static void report_untracked(Warn *w) {
         const Untracked *t = ask[i];
         if (!is_always(t->kind) && !shows[at++]) continue;
         const char *what = t->kind == JUMP_COMPARE || t->kind == JUMP_EQUALITY ? "this comparison"
-                           : t->kind == JUMP_BUILTIN || t->kind == JUMP_TRACE  ? "the argument of this jumping function"
-                                                                               : "this value, which cannot be a site,";
+                           : t->kind == JUMP_PIECES ? "what counts visible pieces otherwise than by `area`"
+                           : t->kind == JUMP_BUILTIN || t->kind == JUMP_TRACE ? "the argument of this jumping function"
+                                                                              : "this value, which cannot be a site,";
         w->ctx->untracked = true;
         diag_emit(w->ctx->session, DIAG_untracked, t->span, what, param_list(w, &of[i]));
     }

@@ -8,4 +8,8 @@
  * not jump there. The Fn, a primal, is numbered; dep is by id. */
 void warn_probe(PassCtx *ctx, const Fn *fn, const Depend *dep, const Untracked **list, uint32_t n, bool *shows);
 
+/* ---- warn_pieces.c: may an output jump where a visible piece that the query finds comes, goes or is cut? False: each
+ * counts by its area. The Fn, a primal, is numbered. */
+bool warn_pieces(Fn *fn, const Inst *query);
+
 #endif

@@ -126,6 +126,9 @@ typedef struct SltStats {
                                  infinite (1), and a root or a [Disc] asks about them: answers are wrong by more than is stated;
                                  0: they do not. Of the last call */
     SltPlace out_of_range_at; /* that root, or the [Disc] */
+    uint64_t unmet;           /* triangles of meshes that nothing meets, as a corner is not finite, or too large for a
+                                 float: rays and windows see through them. When the last call began */
+    SltPlace unmet_at;        /* the first such mesh */
 } SltStats;
 enum { SLT_FEW_ULPS = 32 };
 #define SLT_STATS_INIT ((SltStats){.struct_size = sizeof(SltStats)})

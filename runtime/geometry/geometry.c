@@ -39,6 +39,8 @@ void geometry_hold(const SltGeometry *g, bool on) {
     if (ops(g)->hold) ops(g)->hold(on);
 }
 
+uint64_t geometry_unmet(const SltGeometry *g) { return ops(g)->unmet ? ops(g)->unmet(g) : 0; }
+
 size_t geometry_bytes(const SltGeometry *g) { return ops(g)->bytes(g); }
 
 const char *geometry_describe(const SltGeometry *g) { return ops(g)->describe(g); }

@@ -52,6 +52,8 @@ void geometry_hold(const SltGeometry *g, bool on);
 
 /* Have queries since the last call left out what there was no memory for? They cannot fail. */
 bool geometry_lost(const SltGeometry *g);
+/* Of how many parts are the numbers not such that a query can meet them? */
+uint64_t geometry_unmet(const SltGeometry *g);
 
 size_t geometry_bytes(const SltGeometry *g);         /* of memory, without the numbers */
 const char *geometry_describe(const SltGeometry *g); /* one line for people; lives as long as the geometry */
@@ -64,9 +66,10 @@ typedef struct GeometryOps {
     void (*changed)(SltGeometry *g, uint64_t first, uint64_t count);
     uint64_t (*follow)(SltGeometry *g, const void *values);
     double (*growth)(const SltGeometry *g, const void *from,
-                     const void *to);   /* what a copy for `to` adds to slack, >= 0 */
-    bool (*lost)(const SltGeometry *g); /* NULL: never */
-    void (*hold)(bool on);              /* NULL: nothing is worth it */
+                     const void *to);        /* what a copy for `to` adds to slack, >= 0 */
+    bool (*lost)(const SltGeometry *g);      /* NULL: never */
+    uint64_t (*unmet)(const SltGeometry *g); /* NULL: none */
+    void (*hold)(bool on);                   /* NULL: nothing is worth it */
     size_t (*bytes)(const SltGeometry *g);
     const char *(*describe)(const SltGeometry *g);
 } GeometryOps;

@@ -18,6 +18,7 @@ typedef struct MeshReader {
     uint64_t largest_at[MESH_CORNERS];
     uint32_t corners, first[MESH_CORNERS], last[MESH_CORNERS]; /* of the polygon that is being read */
     bool any_uv, any_normal;
+    uint32_t counts_from; /* what the file calls its first vertex: 1, or 0 */
 } MeshReader;
 
 SltStatus mesh_fail(const MeshReader *r, const char *fmt, ...) __attribute__((format(printf, 2, 3)));

@@ -100,8 +100,9 @@ static SltStatus check_indices(MeshReader *r) {
     for (int k = 0; k < MESH_CORNERS; k++)
         if (r->largest_at[k] && r->largest[k] >= count[k]) {
             r->place = r->largest_at[k];
-            return mesh_fail(r, "there is no %s %llu: the file has %u %s", what[k], r->largest[k] + 1ull, count[k],
-                             whats[k]);
+            return mesh_fail(r, "there is no %s %llu: the file has %u %s%s", what[k],
+                             r->largest[k] + (unsigned long long)r->counts_from, count[k], whats[k],
+                             r->counts_from ? "" : ", from 0 on");
         }
     return SLT_OK;
 }
@@ -117,8 +118,8 @@ bool mesh_is_file(const char *path) {
 
 SltStatus mesh_decode(const char *name, const uint8_t *bytes, size_t size, Mesh *out, SltError *err) {
     *out = (Mesh){0};
-    MeshReader r = {.name = name, .unit = "line", .place = 1, .mesh = out, .err = err};
-    bool ply = !strcasecmp(extension(name), ".ply");
+    const bool ply = !strcasecmp(extension(name), ".ply");
+    MeshReader r = {.name = name, .unit = "line", .place = 1, .counts_from = !ply, .mesh = out, .err = err};
     SltStatus status = (ply ? mesh_decode_ply : mesh_decode_obj)(&r, (const char *)bytes, size);
     if (status == SLT_OK) status = check_indices(&r);
     if (status == SLT_OK && !out->nvertices)

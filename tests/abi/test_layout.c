@@ -163,6 +163,8 @@ static void write_layout(FILE *out) {
     MEMBER(SltStats, singular);
     MEMBER(SltStats, out_of_range);
     MEMBER(SltStats, out_of_range_at);
+    MEMBER(SltStats, unmet);
+    MEMBER(SltStats, unmet_at);
     END(SltStats);
     STRUCT(SltIntegral);
     MEMBER(SltIntegral, struct_size);

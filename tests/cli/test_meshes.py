@@ -108,6 +108,27 @@ class Meshes(Case):
         self.assertIn(r.code, (3, 4), r.err)
         self.assertIn(words, r.err)
 
+    def test_what_nothing_meets(self):
+        """Boxes end where single precision does: what is beyond is not met, and counted; nor does anything go round for ever there."""
+        beyond = "v 1e80 0 0\nv 0 1e80 0\nv 0 0 1e80\nf 1 2 3\n"
+        self.put("a.obj", beyond)
+        for tag, ray in (("[Disc]", "float3(0.3, 0.0, -1.0)"), ("[NoDisc]", "float3(0.0, 0.0, -1.0)")):
+            self.put("m.salt", 'param mesh m = "a.obj"; shader float main(float2 x) { %s if (m.occluded(float3(x, 3.0), %s, 0.0, 9.0)) return 1.0; return 0.0; }\n' % (tag, ray))
+            for estimator in ("lattice", "fd", "auto"):
+                r = self.run_cli("grad", "m.salt", "--integral", "--precision", "f64", "--samples", "4096", "--estimator", estimator)
+                self.assertIn("triangles of `m` that nothing meets: 1", r.err)
+        self.put("b.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+        self.put("m.salt", """param float e = 1.0;
+float3 place(int i, float3 p, int part) { return p / e; }
+[Vertex(place)] param mesh m = "b.obj";
+shader float main(float2 x) { [Disc] if (m.occluded(float3(x, 3.0), float3(0.3, 0.0, -1.0), 0.0, 9.0)) return 1.0; return 0.0; }
+""")
+        for precision in ("f32", "f64"):
+            r = self.run_cli("grad", "m.salt", "--integral", "--precision", precision, "--param", "e=0", "--samples", "4096")
+            self.assertIn("that nothing meets: 1", r.err)
+            r = self.run_cli("grad", "m.salt", "--integral", "--precision", precision, "--samples", "4096")
+            self.assertNotIn("meets", r.err)
+
     def test_jumps_are_warned_about(self):
         for body in (DOWN.replace("[NoDisc] ", "") + "return v.t;", "return m.occluded(float3(x, 2.0), float3(0.0, 0.0, -1.0), 0.0, 9.0) ? 1.0 : 0.0;"):
             self.mesh(body)
@@ -119,6 +140,10 @@ class Meshes(Case):
         """`mesh` and `MeshHit` are no keywords: the standard library has a module of this name, people have structs."""
         self.put("m.salt", "import mesh; struct MeshHit { float a; }; shader float main(float2 x) { MeshHit h; h.a = x.x; float mesh = h.a; return mesh; }\n")
         self.assertEqual(self.run_cli("render", "m.salt", "-o", "m.pfm", "--size", "2x2").code, 0)
+
+    def test_two_of_one_name(self):
+        self.mesh("Beam b = {float3(0.0), float3(0.0), float3(1.0), float3(1.0)}; Piece q = m.first(b); return q.a;", more="struct Piece { float a; };")
+        self.refused("cannot convert Piece to Piece: the language has one of this name", "explain", "m.salt")
 
     def test_pay_for_what_you_use(self):
         for body, asked in (("return x.x;", None), (DOWN + "return v.t;", "trace"), ("[NoDisc] bool b = m.occluded(float3(x, 2.0), float3(0.0, 0.0, -1.0), 0.0, 9.0); return b ? 1.0 : 0.0;", "occluded")):

@@ -84,6 +84,38 @@ class Pieces(Case):
             for a, b in zip(got, want):
                 self.assertAlmostEqual(a, b, delta=1e-12)
 
+    def test_what_jumps_is_warned_about(self):
+        """What has the factor `area`, and is summed over all pieces, does not jump where one comes, goes or is cut."""
+        loop = "for (Piece q = m.first(b); q.found; q = m.next(q)) "
+        silent = (
+            "sum += q.area * (k + q.normal.x * q.centre.x);",
+            "{ if (q.part == 0) sum += q.area; else sum += 2.0 * q.area; }",
+            "{ if (q.tri == 3) continue; sum += q.area; }",
+            "{ sum += q.area; other += q.area * k; } sum = sum * sum + sqrt(other + 1.0);",
+            "sum += q.area; sum = lerp(0.2, k, sum);",
+            "{ float w = 0.0; for (int i = 0; i < 4; i++) w += q.area * float(i); sum += w; }",
+            "{ float w = k; for (int i = 0; i < 4; i++) w = w * 0.5 + q.p.x; sum += q.area * w; }",
+            "{ float w = q.area; if (x.x > 0.5) w *= 2.0; sum += w; }",
+            "acc[q.part & 3] += q.area; sum = acc[0] + acc[1] * k;",
+        )
+        loud = (
+            "sum += 1.0;",
+            "{ if (q.part == 0) sum += q.area; else sum += 2.0; }",
+            "sum += q.area * q.area;",
+            "sum = max(sum, q.area);",
+            "sum = q.normal.z;",
+            "{ sum += other * k; other *= 1.0 - q.area; }",
+            "acc[q.part & 3] += 1.0; sum = acc[0] + acc[1] * k;",
+            "{} sum = m.first(b).found ? 1.0 : 0.0;",
+        )
+        before = "float other = 1.0; float acc[4]; for (int i = 0; i < 4; i++) acc[i] = 0.0; b.corner.x += 0.1 * x.x; "
+        for body, warned in [(s, False) for s in silent] + [(s, True) for s in loud] + [("sum += 1.0;", None)]:
+            with self.subTest(body=body):
+                self.program(before + ("[NoDisc] " if warned is None else "") + loop + body, more="param float k = 1.0;\n")
+                self.assertEqual("visible pieces" in self.run_cli("explain", "m.salt").err, bool(warned))
+        self.program("for (int i = 0; i < 3; i++) { b.eye.x += 0.1; " + loop + "sum += q.area * float(i); }")
+        self.assertNotIn("W04", self.run_cli("explain", "m.salt").err)
+
     def test_edges_on_borders(self):
         """A square whose corners are those of pixels, and a floor behind it: borders of pixels do not move, and its edges must in one of two."""
         square = lambda a, z: "".join("v %g %g %g\n" % (x * a, y * a, z) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1)))

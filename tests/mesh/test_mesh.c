@@ -164,7 +164,7 @@ static void test_errors(void **state) {
          "line 11: -1 is no length"},
         {"a.ply",
          "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nelement face 1\nproperty list char int vertex_index\nend_header\n1 2 3\n3 0 0 1\n",
-         "line 11: there is no vertex 2: the file has 1 vertices"},
+         "line 11: there is no vertex 1: the file has 1 vertices, from 0 on"},
     };
     for (size_t k = 0; k < sizeof rows / sizeof *rows; k++) {
         Mesh m;

@@ -235,6 +235,8 @@ static const char *conversion_hint(Checker *c, const Expr *e, const Type *to) {
     uint32_t wf = width_of(from), wt = width_of(to);
     TypeKind kf = scalar_kind(from), kt = scalar_kind(to);
     if (to->kind == T_MATRIX && is_scalar(from)) return ": a matrix does not come from a scalar, list its components";
+    if (!strcmp(from->name, to->name))
+        return ": the language has one of this name, the program another; give its own another name";
     if (!wf || !wt) return "";
     if (wf == wt && kt == T_BOOL) return ": compare, as in `v != 0`";
     if (wf == wt && kf == T_BOOL)

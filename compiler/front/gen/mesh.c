@@ -295,7 +295,9 @@ static Val first(Lower *l, Expr *e, const Symbol *sym) {
     args[SLT_BEAM_ROWS] = gen_begun(l, geometry, e->span);
     Inst *unit = special(l, OP_query, TY_INT, SLT_BEAM_ROWS + 1, args,
                          (Imm){.query = {geometry, SLT_QUERY_PIECES, l->geometries.data[geometry].base}});
-    return piece_of(l, e->type, sym, unit, beam.c);
+    Val piece = piece_of(l, e->type, sym, unit, beam.c);
+    site_untracked(l, unit, piece.c[1], NULL, e->span, JUMP_PIECES);
+    return piece;
 }
 
 static Val next(Lower *l, Expr *e, const Symbol *sym) {

@@ -215,6 +215,7 @@ static inline Box fill_leaf(Bvh *b, uint32_t leaf, const void *values, bool f64)
         double at[3][3];
         const bool is = triangle[k] >= 0 && triangle_box(b, values, (uint32_t)triangle[k], f64, at, &own);
         if (is) box_add(&box, &own);
+        else b->unmet += triangle[k] >= 0;
         for (int c = 0; c < 3; c++)
             for (int a = 0; a < 3; a++) {
                 const double v = is ? at[c][a] : (double)NAN;
@@ -239,6 +240,7 @@ static bool has_child(const BvhNode *n, int k) { return n->child[k]; } /* the ro
 
 static inline void fit_as(Bvh *b, const void *values, bool f64) {
     double cost = 0;
+    b->unmet = 0;
     for (uint32_t i = b->nnodes; i-- > 0;) {
         BvhNode *n = &b->node[i];
         for (int k = 0; k < BVH_WIDTH; k++) {

@@ -42,6 +42,7 @@ typedef struct Bvh {
     BvhNode *node;       /* children lie behind their parents */
     void *leaf;          /* BvhLeaf32 or BvhLeaf64 */
     double magnitude;    /* the largest |coordinate| of a vertex that a triangle has */
+    uint32_t unmet;      /* triangles that are never met */
     double cost, made;   /* area-weighted tests of a ray: now, and when the tree was made */
 } Bvh;
 

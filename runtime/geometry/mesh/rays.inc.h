@@ -98,7 +98,8 @@ INLINE uint32_t set_group(Rays *r, const BvhScene *s, uint32_t k) {
     *(Group *)(r->sx + k) = dx / dz, *(Group *)(r->sy + k) = dy / dz, *(Group *)(r->sz + k) = sz;
     /* Corners less origins are rounded, then sheared: a few units in the last place of the longest of them; in floats a
      * few more for the box itself. */
-    const Group wide = size * (flt)0x1p-19 + (flt)s->slack;
+    const Group grown = size * (flt)0x1p-19 + (flt)s->slack,
+                wide = lower(grown, (Group){0} + (flt)(0.5f * FLT_MAX)); /* finite: inf - inf would pass empty boxes */
 #if F64
     const Whole exponent = (Whole)dz & ((Whole){0} + 0x7ff0000000000000);
     const Group scale = (Group)exponent, against = (Group)(0x7fe0000000000000 - exponent); /* powers of two */

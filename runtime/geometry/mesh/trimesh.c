@@ -266,6 +266,11 @@ static size_t held(const SltGeometry *g) {
 
 static bool lost(const SltGeometry *g) { return atomic_exchange(((const Trimesh *)g->made)->lost, false); }
 
+static uint64_t unmet(const SltGeometry *g) {
+    const Trimesh *m = g->made;
+    return m->has_tree ? m->bvh.unmet : 0;
+}
+
 static const char *text(const SltGeometry *g) { return ((const Trimesh *)g->made)->text; }
 
 const GeometryOps geometry_mesh = {.make = make,
@@ -275,5 +280,6 @@ const GeometryOps geometry_mesh = {.make = make,
                                    .growth = growth,
                                    .lost = lost,
                                    .hold = pieces_hold,
+                                   .unmet = unmet,
                                    .bytes = held,
                                    .describe = text};
