@@ -178,6 +178,7 @@ bool told_sheet(Search *s, const Candidate *all, uint32_t n, const uint8_t *orde
     uint64_t open = 0;                                   /* 0: each part of an edge has its other side */
     uint8_t chosen[FEW_FACETS];
     uint32_t count = 0;
+    if (store->lost) return false; /* some have not been measured */
     for (uint32_t i = 0; i < n; i++) {
         const Candidate *c = &all[order[i]];
         if (area >= 1 - COVERED || store->near.data[c->near].turned != turned) {
