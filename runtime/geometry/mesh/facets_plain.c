@@ -9,6 +9,12 @@
 
 #include "cover.inc.h"
 #include "facets.inc.h"
+#include "sheet.inc.h"
 
-const FacetSearch facets_plain = {
-    .read = read, .place = place, .list = list, .survey = survey, .cover = cover_all, .split = split};
+const FacetSearch facets_plain = {.read = read,
+                                  .place = place,
+                                  .list = list,
+                                  .survey = survey,
+                                  .sheets = measure_sheets,
+                                  .cover = cover_all,
+                                  .split = split};

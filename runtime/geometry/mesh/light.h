@@ -36,6 +36,7 @@ typedef struct LightScene {
     BvhSearch *search;  /* of the tree's precision */
     const void *values; /* the vertices */
     LightWay way;
+    bool both; /* IRRADIANCE and LTC of one receiver: what one has found serves the other, until pieces_begin */
 } LightScene;
 
 /* rays: rows of a receiver and a light (saltus/mesh.h); what: SLT_QUERY_IRRADIANCE or SLT_QUERY_LTC. witness: the unit

@@ -119,7 +119,7 @@ static bool forget(Light *l) {
 
 /* light_facing of a leaf's triangles at once, the same operations; corners at places without a triangle are 0. */
 static void face_leaf(const Light *l, double at[3][3][BVH_LEAF], const int32_t triangle[BVH_LEAF]) {
-    double det[BVH_LEAF], square[BVH_LEAF];
+    double det[BVH_LEAF], square[BVH_LEAF], least[BVH_LEAF];
     for (int k = 0; k < BVH_LEAF; k++) {
         const double a[3] = {at[0][0][k] - l->p[0], at[0][1][k] - l->p[1], at[0][2][k] - l->p[2]};
         const double p[3] = {(at[1][0][k] - l->p[0]) - a[0], (at[1][1][k] - l->p[1]) - a[1],
@@ -130,8 +130,18 @@ static void face_leaf(const Light *l, double at[3][3][BVH_LEAF], const int32_t t
         vec_cross(p, q, normal);
         det[k] = vec_dot(a, normal), square[k] = vec_dot(normal, normal);
     }
-    for (int k = 0; k < BVH_LEAF; k++)
-        if (triangle[k] >= 0) note(l, triangle[k], facing_by(l, det[k], square[k]));
+    for (int k = 0; k < BVH_LEAF; k++) {
+        least[k] = HUGE_VAL;
+        for (int c = 0; c < 3 && l->through; c++) {
+            const double corner[3] = {at[c][0][k] - l->p[0], at[c][1][k] - l->p[1], at[c][2][k] - l->p[2]};
+            least[k] = light_min(least[k], vec_dot(l->row[2], corner));
+        }
+    }
+    for (int k = 0; k < BVH_LEAF; k++) {
+        if (triangle[k] < 0) continue;
+        const Facing f = facing_by(l, det[k], square[k]);
+        note(l, triangle[k], f == FACING_NOT || !l->through || least[k] < l->beyond ? f : FACING_BEYOND);
+    }
 }
 
 static void take_leaf(Light *l, int32_t leaf) {
@@ -142,7 +152,7 @@ static void take_leaf(Light *l, int32_t leaf) {
     const int32_t *triangle = f64 ? f64->triangle : f32->triangle;
     for (int i = 0; i < BVH_LEAF; i++)
         if (triangle[i] >= 0 && !ROW_ADD(l->store->triangle, triangle[i])) l->lost = true;
-    if (l->through || l->s->tree.moved) return;
+    if (l->s->tree.moved) return;
     for (int c = 0; c < 3; c++)
         for (int a = 0; a < 3; a++)
             for (int i = 0; i < BVH_LEAF; i++) at[c][a][i] = f64 ? f64->at[c][a][i] : (double)f32->at[c][a][i];
@@ -321,9 +331,9 @@ void light_facets(Light *l) {
 
 bool light_hides(const Light *l, int32_t triangle, double u, double v) {
     double at[3][3], d[3], normal[3], sum = 0;
-    light_corners(l, triangle, at);
-    const Facing facing = light_facing(l, at);
+    const Facing facing = known(l, triangle);
     if (facing < FACING_TO) return false;
+    light_corners(l, triangle, at);
     for (int i = 0; i < 3; i++) d[i] = l->c[i] + u * l->u[i] + v * l->v[i];
     for (int k = 0; k < 3; k++) {
         vec_cross(at[k], at[(k + 1) % 3], normal);
