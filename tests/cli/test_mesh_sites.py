@@ -123,6 +123,30 @@ class MeshSites(Case):
         """Triangles through each other, each of its own colour."""
         self.against_pieces(soup(20, 0.9), eye="0.1, -4.0, 0.2", to="0.02, 1.0, 0.01", size="0.7", value="v.hit ? float(v.tri % 5 + 1) : 0.0", piece="float(q.tri % 5 + 1)", part=2e-2)
 
+    def test_missed_in_any_form(self):
+        """What lines miss is stated however a hit is used, in a select or in a branch: every form weighs the same silhouettes."""
+        self.put("a.obj", "v -0.5 -0.6 0\nv 0.7 -0.3 0\nv -0.1 0.8 0\nf 1 2 3\n")
+        p = ((-0.5, -0.6), (0.7, -0.3), (-0.1, 0.8))
+        want = [c for k in range(3) for c in (0.5 * (p[(k + 1) % 3][1] - p[(k + 2) % 3][1]), 0.5 * (p[(k + 2) % 3][0] - p[(k + 1) % 3][0]))]
+        forms = {"v.hit ? 1.0 : 0.0": 1.0, "v.hit ? v.p.x - x.x + 2.0 : 0.0": 2.0, "v.hit ? c[v.part] : 0.0": 1.5, "v.hit ? c[0] : 0.0": 1.5, "v.hit ? sin(v.t) : 0.0": math.sin(2.0), "v.hit ? v.t : 0.0": 2.0}
+        plane = lambda j, key, size: [c / size for row in j[key]["m"] for c in row[:2]]
+        first = {}
+        for value, size in forms.items():
+            text = DOWN.replace("shader", "[NoDiff] param float c[1] = {1.5}; [Domain(float2(-1.0), float2(1.0))] shader")
+            self.put("m.salt", text % value)
+            within = n = 0
+            for seed in range(1, 7):
+                for samples in 1024, 16384:
+                    j = self.json_cli("grad", "m.salt", "--integral", "--estimator", "lattice", "--precision", "f64", "--seed", str(seed), "--samples", str(samples))
+                    g, e, m = (plane(j, key, size) for key in ("gradient", "stderr", "missed_estimate"))
+                    within += sum(abs(a - b) <= 2 * c for a, b, c in zip(g, want, e))
+                    n += len(g)
+                    much = math.sqrt(sum(c * c for c in m))
+                    self.assertGreater(much, 0, value)
+                    other = first.setdefault((seed, samples), much)
+                    self.assertLess(max(much / other, other / much), 1.5, value)
+            self.assertGreaterEqual(within, 0.9 * n, value)
+
     def test_two_boxes(self):
         """A box before and through another: near silhouettes before far faces, told apart by depth alone."""
         text = box()[1] + box((0.9, 0.2), 0.8, (0.9, 0.7, 0.3), 9)[1]
