@@ -3,7 +3,7 @@
  *
  * Every value has the set of hash atoms that its origin depends on. An ordinary operation has the union of its
  * operands' sets; at a join (if_ result or select) under a condition that depends on a jump, the value that comes
- * through is told apart: atom = cond ? key ^ hash(then) : hash(else). So an opaque disc painted over others forgets
+ * through is told apart: atom = cond ? key and hash(then) : hash(else). So an opaque disc painted over others forgets
  * them, and a crossing that is hidden changes nothing: in painter's-order discs and Voronoi 61 to 77 % of the crossings
  * that the path hash finds have no jump. Two points with equal hashes compute their outputs by the same chain of
  * definitions, hence one continuous piece of f.
@@ -121,6 +121,13 @@ static Inst *join_key(Prov *p, Builder *b, const Inst *at, const Inst *cond) {
     return key;
 }
 
+/* The hash of what comes through a join that was decided by `key`. That key may be in it already, where what hangs on
+ * the decision is computed from what hangs on it, too (`h.hit ? f(h.t) : 0`): with xor the two would leave nothing, and
+ * both sides would look alike. */
+static Inst *taken(Builder *b, Inst *hash, Inst *key) {
+    return ir_emit2(b, OP_iadd, ir_emit2(b, OP_imul, hash, ir_consti(b, (int32_t)0x9e3779b1u)), key);
+}
+
 /* An untagged comparison of values that depend on jumps (which triangle, which texel) decides nothing that `event`
  * could name: a join under it is no jump of its own, and has the origins of its condition and of both sides. */
 static bool compares(const Inst *c) {
@@ -161,7 +168,7 @@ static void prov_if(Prov *p, Inst *i, uint32_t *next) {
             Builder bx = ir_before(p->fn, i->region[0]->last), by = ir_before(p->fn, i->region[1]->last);
             bx.fold = by.fold = true;
             Inst *hx = set_hash(p, &bx, sx), *hy = set_hash(p, &by, sy);
-            if (sc && !compares(i->args[0])) hx = ir_emit2(&bx, OP_ixor, hx, join_key(p, &bx, i, i->args[0]));
+            if (sc && !compares(i->args[0])) hx = taken(&bx, hx, join_key(p, &bx, i, i->args[0]));
             ir_append_arg(p->fn, i->region[0]->last, hx);
             ir_append_arg(p->fn, i->region[1]->last, hy);
             x = i->region[0]->last->args, y = i->region[1]->last->args;
@@ -268,7 +275,7 @@ static void prov_select(Prov *p, Inst *i, uint32_t *next) {
     Builder b = ir_after(p->fn, i);
     b.fold = true;
     Inst *hx = set_hash(p, &b, sx), *hy = set_hash(p, &b, sy);
-    if (sc) hx = ir_emit2(&b, OP_ixor, hx, join_key(p, &b, i->args[0], i->args[0]));
+    if (sc) hx = taken(&b, hx, join_key(p, &b, i->args[0], i->args[0]));
     Inst *atom = ir_select(&b, i->args[0], hx, hy);
     p->of[i->id] =
         ir_is_const(atom) ? NULL : set_single(p, atom->tag && atom->id == UINT32_MAX ? atom : mark_atom(atom, next));

@@ -23,6 +23,7 @@ enum {
     WIDEST = 3,  /* vertices of the longest run that counts as a finger */
     NONE = -1,   /* slot of an edge: its crossings are not wanted */
     WANTED = -2, /* they are, but there is none yet */
+    HELD = -3,   /* they are not, and the edge has some, though its ends differ in the face alone: no probe there */
     LOOK = 256,  /* probes of a call */
     ALONG = 3    /* edges by which a finger may move from line to line: lines along the other axis see steeper ones */
 };
@@ -53,7 +54,7 @@ struct Follow {
     FollowExit *out;   /* fingers that leave the tile */
     FollowFound *seen; /* edges in which probes found something */
     uint32_t nout, out_cap, nseen, seen_cap;
-    int32_t *slot; /* [2][vertices], by axis and first vertex of the edge: NONE, WANTED, or number of its Border */
+    int32_t *slot; /* [2][vertices], by axis and first vertex of the edge: NONE to HELD, or number of its Border */
     uint64_t cap;
     Border *border;
     Finger *finger[2]; /* to be followed in this round, and in the next */
@@ -100,7 +101,8 @@ static int32_t *slot_of(Follow *f, uint32_t axis, uint64_t vertex) { return &f->
 
 void follow_note(Follow *f, const Crossing *c) {
     int32_t *slot = slot_of(f, (uint32_t)c->axis, c->edge - 1);
-    if (*slot == NONE) return;
+    if (*slot == NONE && f->tile->faces) *slot = HELD;
+    if (*slot == NONE || *slot == HELD) return;
     double at = c->x[c->axis], slope = -c->dg[1 - c->axis] / c->dg[c->axis];
     if (*slot == WANTED) {
         if (!room(f, (void **)&f->border, f->nborder, &f->border_cap, sizeof *f->border)) return;
@@ -209,6 +211,11 @@ static void put(Batch *b, uint32_t lane, uint32_t axis, double at, double line) 
     batch_set_stream(b, lane, 0, 0);
 }
 
+/* Is m, between a and e, which differ in the face at most, something else than both? */
+static bool stands_out(Mark m, Mark a, Mark e, double threshold) {
+    return m.hash != a.hash || depth_differs(m.depth, a.depth, threshold) || (m.face != a.face && m.face != e.face);
+}
+
 /* Evaluates the region at n probes, and on a visit at the ends of their edges. */
 static void look(Follow *f, Worker *w, const Probe *probe, uint32_t n) {
     const FollowTile *t = f->tile;
@@ -232,9 +239,9 @@ static void look(Follow *f, Worker *w, const Probe *probe, uint32_t n) {
         Mark m = mark[i][0], a = t->hash ? worker_mark(w, v) : mark[i][1],
              e = t->hash ? worker_mark(w, v1) : mark[i][2];
         double threshold = t->threshold[axis];
-        if (!t->hash && (a.hash != e.hash || depth_differs(a.depth, e.depth, threshold)))
+        if (!t->hash && (a.hash != e.hash || a.face != e.face || depth_differs(a.depth, e.depth, threshold)))
             continue; /* the tile has searched this edge by itself */
-        if (m.hash == a.hash && !depth_differs(m.depth, a.depth, threshold)) continue;
+        if (!stands_out(m, a, e, threshold)) continue;
         Segment s = {.base = t->base[axis],
                      .axis = (int8_t)axis,
                      .cls = t->classes > 1 ? (uint8_t)((line + t->first[other]) & 3) : 0,

@@ -13,6 +13,7 @@ typedef struct FollowTile {
     const double *pos[2];                     /* positions of vertices along each axis */
     const uint32_t *hash;                     /* by vertex; NULL: a visit, nothing is known of the vertices */
     const double *depth;                      /* by vertex; NULL in scenes without depth */
+    bool faces;                               /* edges whose ends differ in Mark.face alone are searched, too */
     double threshold[2], base[2], spacing[2]; /* by axis: Segment.threshold, Segment.base, distance of vertices */
     uint64_t stride[2];                       /* of vertices; stride[0] is 1 */
     uint32_t from[2], to[2];                  /* edges [from, to) of a line along axis i that the tile owns */

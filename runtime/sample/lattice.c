@@ -313,7 +313,7 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
     FollowTile follow;
     if (w->follow) {
         follow = follow_tile(l, &sp);
-        follow.hash = w->hash, follow.depth = w->depth;
+        follow.hash = w->hash, follow.depth = w->depth, follow.faces = w->face != NULL;
         if (!follow_begin(w->follow, &follow, total)) return false;
     }
     for (uint32_t axis = 0; axis < s->dim; axis++) {

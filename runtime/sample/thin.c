@@ -44,9 +44,19 @@ static Probe probe_of(const Worker *w, const Line *l, uint32_t v) {
     return w->near_key[before] == w->near_key[a] && w->near_key[after] == w->near_key[a] ? PROBE_TRY : PROBE_BLIND;
 }
 
+/* Is there anything by which to tell them apart? Faces may be of one surface: there is no crossing between them then.
+ */
+static bool apart(const Worker *w, const Line *l, uint64_t a, uint64_t b) {
+    return !alike(w, l, a, b) || worker_faces_differ(w, a, b);
+}
+
+/* Surfaces of a mesh are told apart by faces alone: a face before another one. Not where the ends see different faces,
+ * which may be of one surface: may_be_run. */
 static bool is_run(const Worker *w, const Line *l, uint32_t v) {
-    return v > 0 && v + 1 < l->n && alike(w, l, vertex(l, v - 1), vertex(l, v + 1)) &&
-           !alike(w, l, vertex(l, v), vertex(l, v + 1));
+    if (v == 0 || v + 1 >= l->n) return false;
+    uint64_t a = vertex(l, v - 1), at = vertex(l, v), b = vertex(l, v + 1);
+    return alike(w, l, a, b) &&
+           (!alike(w, l, at, b) || (!worker_faces_differ(w, a, b) && worker_faces_differ(w, at, b)));
 }
 
 /* Of neighbours that are runs of each other every second counts. */
@@ -58,7 +68,7 @@ static bool counts(const Worker *w, const Line *l, uint32_t v) {
 
 static bool may_be_run(const Worker *w, const Line *l, uint32_t v) {
     return !w->depth && v & 1 && v + 1 < l->n && !is_run(w, l, v - 1) && !is_run(w, l, v + 1) &&
-           !alike(w, l, vertex(l, v - 1), vertex(l, v)) && !alike(w, l, vertex(l, v), vertex(l, v + 1));
+           apart(w, l, vertex(l, v - 1), vertex(l, v)) && apart(w, l, vertex(l, v), vertex(l, v + 1));
 }
 
 uint32_t thin_edge(const Worker *w, const Line *l, uint32_t v, uint32_t axis) {

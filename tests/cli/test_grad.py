@@ -380,6 +380,14 @@ class Bars(Case):
         want = 64 * 64 * 200 * 3.14159265 * 0.002
         self.assertLess(abs(j["gradient"]["r"] - want), 3 * j["stderr"]["r"])
 
+    def test_decided_twice(self):
+        """What hangs on a decision is computed from what hangs on it, too: regions by provenance (above 64 events, and where rays are searched) tell its sides apart all the same."""
+        for i, value in enumerate(("if (c) v = sin(s + 0.5);", "if (c) { float q = s; for (int i = 0; i < 3; i++) q = sin(q + 0.5); v = q; }", "v = c ? s * x.x + 1.0 : 0.0;")):
+            self.put("%d.salt" % i, "param float r = 0.5;\n[Domain(float2(-1.0), float2(1.0))]\nshader float main(float2 x) { float v = 0.0; [Disc] bool c = length(x) < r; float s = c ? 1.0 : 0.0; %s return v; }" % value)
+            a, b = (self.json_cli("grad", "%d.salt" % i, "--integral", "--estimator", "lattice", "--near-miss", probe) for probe in ("on", "off"))
+            self.assertGreater(b["crossings"], 1000)
+            self.assertAlmostEqual(a["gradient"]["r"], b["gradient"]["r"], delta=2 * (a["stderr"]["r"] + b["stderr"]["r"]))
+
     def test_far_away(self):
         """In f32 a domain that far has 16 places a side: silence would be a lie."""
         self.put("f.salt", "param float r = 0.4;\n[Domain(1000000.0, 1000001.0)]\nshader float main(float2 x) { [Disc] if (length(x - 1000000.5) < r) return 1.0; return 0.0; }")

@@ -123,6 +123,52 @@ class MeshSites(Case):
         """Triangles through each other, each of its own colour."""
         self.against_pieces(soup(20, 0.9), eye="0.1, -4.0, 0.2", to="0.02, 1.0, 0.01", size="0.7", value="v.hit ? float(v.tri % 5 + 1) : 0.0", piece="float(q.tri % 5 + 1)", part=2e-2)
 
+    def test_missed_in_any_form(self):
+        """What lines miss is stated however a hit is used, in a select or in a branch: every form weighs the same silhouettes."""
+        self.put("a.obj", "v -0.5 -0.6 0\nv 0.7 -0.3 0\nv -0.1 0.8 0\nf 1 2 3\n")
+        p = ((-0.5, -0.6), (0.7, -0.3), (-0.1, 0.8))
+        want = [c for k in range(3) for c in (0.5 * (p[(k + 1) % 3][1] - p[(k + 2) % 3][1]), 0.5 * (p[(k + 2) % 3][0] - p[(k + 1) % 3][0]))]
+        forms = {"v.hit ? 1.0 : 0.0": 1.0, "v.hit ? v.p.x - x.x + 2.0 : 0.0": 2.0, "v.hit ? c[v.part] : 0.0": 1.5, "v.hit ? c[0] : 0.0": 1.5, "v.hit ? sin(v.t) : 0.0": math.sin(2.0), "v.hit ? v.t : 0.0": 2.0}
+        plane = lambda j, key, size: [c / size for row in j[key]["m"] for c in row[:2]]
+        first = {}
+        for value, size in forms.items():
+            text = DOWN.replace("shader", "[NoDiff] param float c[1] = {1.5}; [Domain(float2(-1.0), float2(1.0))] shader")
+            self.put("m.salt", text % value)
+            within = n = 0
+            for seed in range(1, 7):
+                for samples in 1024, 16384:
+                    j = self.json_cli("grad", "m.salt", "--integral", "--estimator", "lattice", "--precision", "f64", "--seed", str(seed), "--samples", str(samples))
+                    g, e, m = (plane(j, key, size) for key in ("gradient", "stderr", "missed_estimate"))
+                    within += sum(abs(a - b) <= 2 * c for a, b, c in zip(g, want, e))
+                    n += len(g)
+                    much = math.sqrt(sum(c * c for c in m))
+                    self.assertGreater(much, 0, value)
+                    other = first.setdefault((seed, samples), much)
+                    self.assertLess(max(much / other, other / much), 1.5, value)
+            self.assertGreaterEqual(within, 0.9 * n, value)
+
+    def test_tips_of_crossings(self):
+        """Two triangles through each other: the narrow ends of what one shows before the other are followed, and what is missed of them is stated."""
+        self.put("a.obj", "v -0.5 -0.6 0.1\nv 0.7 -0.3 0.2\nv -0.1 0.8 -0.3\nv -0.5 0.5 -0.5\nv 0.6 0.4 0.6\nv 0.1 -0.7 0.4\nf 1 2 3\nf 4 5 6\n")
+        scene = 'param mesh m = "a.obj"; shader float main(float2 x) { float3 e = float3(%s); '
+        for eye in "0.0, 0.0, -10.0", "3.0, -2.0, -10.0":
+            self.put("p.salt", scene % eye + "Beam b = {e, float3(-1.0, -1.0, -0.5), float3(2.0, 0.0, 0.0), float3(0.0, 2.0, 0.0)};"
+                     " float s = 0.0; for (Piece q = m.first(b); q.found; q = m.next(q)) s += q.area * (1.0 + q.tri); return s; }")
+            flat = lambda j, key: [c for row in j[key]["m"] for c in row]
+            want = flat(self.json_cli("grad", "p.salt", "--integral", "--samples", "1", "--precision", "f64"), "gradient")
+            for value in "1.0 + v.tri", "sin(1.0 + v.tri) + 1.0 + v.tri - sin(1.0 + v.tri)":
+                self.put("m.salt", scene % eye + "[Disc] MeshHit v = m.trace(e, float3(2.0 * x - 1.0, -0.5) - e, 0.0, 100.0); return v.hit ? %s : 0.0; }" % value)
+                within = n = 0
+                for seed in range(1, 5):
+                    for samples in 16384, 65536:
+                        j = self.json_cli("grad", "m.salt", "--integral", "--estimator", "lattice", "--precision", "f64", "--seed", str(seed), "--samples", str(samples))
+                        g, e = flat(j, "gradient"), flat(j, "stderr")
+                        within += sum(abs(a - b) <= 2 * c for a, b, c in zip(g, want, e))
+                        n += len(g)
+                        if samples == 65536:
+                            self.near([g], [want], 0.03)
+                self.assertGreaterEqual(within, 0.95 * n)
+
     def test_two_boxes(self):
         """A box before and through another: near silhouettes before far faces, told apart by depth alone."""
         text = box()[1] + box((0.9, 0.2), 0.8, (0.9, 0.7, 0.3), 9)[1]
