@@ -2,6 +2,7 @@
 #include <float.h>
 #include <math.h>
 
+#include "beam.h"
 #include "window.h"
 
 #if defined(__AVX2__)
@@ -10,7 +11,9 @@
 
 #include "cover.inc.h"
 #include "facets.inc.h"
+#include "beam.inc.h"
 
 const FacetSearch facets_avx2 = {
     .read = read, .place = place, .list = list, .survey = survey, .cover = cover_all, .split = split};
+const BeamSearch beam_avx2 = {.boxes = beam_boxes, .triangles = beam_triangles};
 #endif

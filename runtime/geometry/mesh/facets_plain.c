@@ -2,6 +2,7 @@
 #include <float.h>
 #include <math.h>
 
+#include "beam.h"
 #include "window.h"
 
 #include "lanes.h"
@@ -9,6 +10,8 @@
 
 #include "cover.inc.h"
 #include "facets.inc.h"
+#include "beam.inc.h"
 
 const FacetSearch facets_plain = {
     .read = read, .place = place, .list = list, .survey = survey, .cover = cover_all, .split = split};
+const BeamSearch beam_plain = {.boxes = beam_boxes, .triangles = beam_triangles};

@@ -3,6 +3,7 @@
 
 #include "boxes.h"
 #include "light.h"
+#include "lit.h"
 #include "pieces.h"
 #include "walk.h"
 
@@ -39,6 +40,15 @@ static const struct FacetSearch *facets(TrimeshIsa isa) {
 #endif
     (void)isa;
     return &facets_plain;
+}
+
+static const BeamSearch *beams(TrimeshIsa isa) {
+#if defined(__x86_64__)
+    if (isa == TRIMESH_ISA_AVX512) return &beam_avx512;
+    if (isa == TRIMESH_ISA_AVX2) return &beam_avx2;
+#endif
+    (void)isa;
+    return &beam_plain;
 }
 
 /* ---- queries */
@@ -95,8 +105,11 @@ static bool same_beam(const void *rays, bool f64, uint32_t width, uint32_t a, ui
 static void find(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width, bool sides,
                  int32_t *witness) {
     const Trimesh *m = g->made;
-    const PieceScene s = {
-        .tree = scene_of(g, values), .values = values, .adjacency = sides ? &m->adjacency : NULL, .facets = m->facets};
+    const PieceScene s = {.tree = scene_of(g, values),
+                          .values = values,
+                          .adjacency = sides ? &m->adjacency : NULL,
+                          .outlined = m->from.queries >> SLT_QUERY_LIT & 1,
+                          .facets = m->facets};
     uint64_t own = mask;
     uint32_t like[64], last = 0;
     for (uint32_t k = 0; k < width; k++) {
@@ -135,11 +148,19 @@ static void seen(const SltGeometry *g, const void *values, const void *rays, uin
     find(g, values, rays, mask, width, false, witness);
 }
 
+static LightScene light_scene(const SltGeometry *g, const void *values) {
+    const Trimesh *m = g->made;
+    return (LightScene){.tree = scene_of(g, values),
+                        .adjacency = &m->adjacency,
+                        .search = m->rays->by[m->from.f64],
+                        .beam = m->beam,
+                        .values = values};
+}
+
 static void light(const SltGeometry *g, SltQuery what, const void *values, const void *rays, uint64_t mask,
                   uint32_t width, int32_t *witness) {
     const Trimesh *m = g->made;
-    const LightScene s = {
-        .tree = scene_of(g, values), .adjacency = &m->adjacency, .search = m->rays->by[m->from.f64], .values = values};
+    const LightScene s = light_scene(g, values);
     if (!light_find(&s, what, rays, mask, width, witness)) atomic_store(m->lost, true);
 }
 
@@ -153,6 +174,13 @@ static void ltc(const SltGeometry *g, const void *values, const void *rays, uint
     light(g, SLT_QUERY_LTC, values, rays, mask, width, witness);
 }
 
+static void lit(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
+                int32_t *witness) {
+    const Trimesh *m = g->made;
+    const LightScene s = light_scene(g, values);
+    if (!lit_find(&s, rays, mask, width, witness)) atomic_store(m->lost, true);
+}
+
 static void blocked(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
                     int32_t *witness) {
     const Trimesh *m = g->made;
@@ -163,7 +191,7 @@ static void blocked(const SltGeometry *g, const void *values, const void *rays, 
 
 /* ---- the seam */
 
-static const uint32_t lighting = 1u << SLT_QUERY_IRRADIANCE | 1u << SLT_QUERY_LTC;
+static const uint32_t lighting = 1u << SLT_QUERY_IRRADIANCE | 1u << SLT_QUERY_LTC | 1u << SLT_QUERY_LIT;
 static const uint32_t searching = 1u << SLT_QUERY_TRACE | 1u << SLT_QUERY_OCCLUDED | 1u << SLT_QUERY_PIECES |
                                   1u << SLT_QUERY_SEEN | 1u << SLT_QUERY_BLOCKED | lighting;
 
@@ -192,6 +220,7 @@ SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void
     m->from = *from;
     m->rays = searches(isa ? isa : best_isa());
     m->facets = facets(isa ? isa : best_isa());
+    m->beam = beams(isa ? isa : best_isa());
     m->lost = &m->lost_;
     m->base.shared.made = m;
     m->base.ops = &geometry_mesh;
@@ -217,6 +246,7 @@ SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void
         m->base.shared.query[SLT_QUERY_SEEN] = seen;
         m->base.shared.query[SLT_QUERY_IRRADIANCE] = m->has_adjacency ? irradiance : NULL;
         m->base.shared.query[SLT_QUERY_LTC] = m->has_adjacency ? ltc : NULL;
+        m->base.shared.query[SLT_QUERY_LIT] = m->has_adjacency ? lit : NULL;
     }
     m->base.shared.query[SLT_QUERY_BEGIN] = begin;
     m->base.shared.told = pieces_told;
