@@ -9,13 +9,14 @@
  *   SHARE    a piece's area times anything
  *   SUM      `base` and shares of some
  *   UNIT     the number of a piece
+ *   LIT      of what is told of a light that shines on it
  *   LOOSE    of a piece, otherwise
  *
  * A loop that goes from piece to piece ends all sums: its results are steady. */
 #include "compiler/pass/warn.h"
 #include "saltus/mesh.h"
 
-typedef enum Kind { UNSEEN, STEADY, ZERO, SHARE, SUM, UNIT, LOOSE } Kind;
+typedef enum Kind { UNSEEN, STEADY, ZERO, SHARE, SUM, UNIT, LIT, LOOSE } Kind;
 
 typedef struct Part {
     Kind kind;
@@ -52,7 +53,7 @@ static bool is_share(Part x) { return x.kind == ZERO || x.kind == SHARE; }
 static bool is_chosen(Part by) { return by.kind != STEADY && by.kind != ZERO; }
 
 /* Neither a share nor part of one. */
-static bool is_loose(Part x) { return x.kind == UNIT || x.kind == LOOSE; }
+static bool is_loose(Part x) { return x.kind >= UNIT; }
 
 static Part sum(const Pieces *p, const Inst *self, const Inst *a, const Inst *b) {
     Part x = at(p, a), y = at(p, b);
@@ -117,7 +118,15 @@ static Part other(const Pieces *p, const Inst *i) {
     return (Part){STEADY, NULL};
 }
 
+static Part query(const Pieces *p, const Inst *i) {
+    if (i == p->query) return (Part){UNIT, NULL};
+    if (i->imm.query.what == SLT_QUERY_LIT && at(p, i->args[SLT_LIT_UNIT]).kind == UNIT) return (Part){LIT, NULL};
+    return other(p, i);
+}
+
+/* A part of a piece is lit. */
 static Part told(const Pieces *p, const Inst *i) {
+    if (at(p, i->args[0]).kind == LIT) return (Part){i->imm.query.what == SLT_LIGHT_VALUE ? SHARE : LOOSE, NULL};
     if (at(p, i->args[0]).kind != UNIT) return other(p, i);
     if (i->imm.query.what == SLT_PIECE_NEXT) return (Part){UNIT, NULL};
     return (Part){i->imm.query.what == SLT_PIECE_AREA ? SHARE : LOOSE, NULL};
@@ -183,7 +192,8 @@ static void walk(Pieces *p, const Block *b, bool chosen) {
     for (const Inst *i = b->first; i; i = i->next) {
         Inst *const *a = i->args;
         switch ((Op)i->op) {
-        case OP_query: put(p, i, i == p->query ? (Part){UNIT, NULL} : other(p, i)); break;
+        case OP_query: put(p, i, query(p, i)); break;
+        case OP_i2f: put(p, i, at(p, a[0]).kind == UNIT ? at(p, a[0]) : other(p, i)); break;
         case OP_told: put(p, i, told(p, i)); break;
         case OP_ghost: put(p, i, (Part){ZERO, NULL}); break;
         case OP_constf:
