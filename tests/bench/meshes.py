@@ -22,6 +22,7 @@ from errors import DOCS, ROOT, ms, per_cent, plot
 
 SPOT = os.path.join(os.environ.get("SALTUS_DATA", ""), "spot.obj")
 SEEDS = 3
+FLOOR = 1e-16  # of plots: where an error is 0
 EACH = 2  # processor seconds, after which a curve ends
 SHADED = """import camera;
 import mesh;
@@ -226,7 +227,7 @@ def scene_fit(saltus, name, folder):
                     ended = ", where it ends"
                 if ended or seconds > EACH:
                     break
-            curves[label] = [(t, e) for _, t, e in curve]
+            curves[label] = [(t, max(e, FLOOR)) for _, t, e in curve]
             at = lambda n: next(("%.1e" % e if e else "0" for i, _, e in curve if i == n), "")
             table[label] = [at(8), at(32), "%.1e after %d%s, %.3g s" % (curve[-1][2], curve[-1][0], ended, curve[-1][1])]
     return curves, table

@@ -43,10 +43,11 @@ static inline void scene_soup(Scene *s, uint32_t n, double size, uint64_t *state
         double at[3];
         int32_t v[3];
         for (int a = 0; a < 3; a++) at[a] = 2 * scene_uniform(state) - 1;
-        for (int k = 0; k < 3; k++)
-            v[k] =
-                scene_vertex(s, at[0] + size * (scene_uniform(state) - 0.5),
-                             at[1] + size * (scene_uniform(state) - 0.5), at[2] + size * (scene_uniform(state) - 0.5));
+        for (int k = 0; k < 3; k++) {
+            double p[3];
+            for (int a = 2; a >= 0; a--) p[a] = at[a] + size * (scene_uniform(state) - 0.5);
+            v[k] = scene_vertex(s, p[0], p[1], p[2]);
+        }
         scene_face(s, v[0], v[1], v[2]);
     }
 }

@@ -65,9 +65,11 @@ static void add_soup(Surface *s, int n, double size) {
         double c[3];
         int32_t v[3];
         for (int a = 0; a < 3; a++) c[a] = 2 * uniform(&state) - 1;
-        for (int k = 0; k < 3; k++)
-            v[k] = add_vertex(s, c[0] + size * (2 * uniform(&state) - 1), c[1] + size * (2 * uniform(&state) - 1),
-                              c[2] + size * (2 * uniform(&state) - 1));
+        for (int k = 0; k < 3; k++) {
+            double p[3];
+            for (int a = 2; a >= 0; a--) p[a] = c[a] + size * (2 * uniform(&state) - 1);
+            v[k] = add_vertex(s, p[0], p[1], p[2]);
+        }
         add_face(s, v[0], v[1], v[2]);
     }
 }

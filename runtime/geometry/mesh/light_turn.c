@@ -76,7 +76,7 @@ static void turn_plane(const Light *l, LightSlopes *s, const double j[3], Point 
         vec_cross(b, c, product);
         vec_add(by, held / whole, product);
         if (k) {
-            if (k == 1) vec_cross(c = light[2].mapped, scaled, product);
+            if (k == 1) vec_cross(light[2].mapped, scaled, product);
             else vec_cross(scaled, light[1].mapped, product);
             vec_add(by, -1 / whole, product);
         }
