@@ -195,20 +195,32 @@ static bool clip_edge(const Light *l, const double a[3], const double b[3], doub
     return isfinite(end[0][0] + end[0][1] + end[1][0] + end[1][1]);
 }
 
+/* A side of the triangle that the window lies on? It cuts nothing of it; rounding must not say otherwise. */
+static bool is_own(const Light *l, int32_t a, int32_t b) {
+    if (l->own < 0) return false;
+    const int32_t *face = l->s->tree.bvh->face + 3 * (size_t)l->own;
+    return (a == face[0] || a == face[1] || a == face[2]) && (b == face[0] || b == face[1] || b == face[2]);
+}
+
 static void add_edge(Light *l, const int32_t *face, double at[3][3], int k) {
     int a = k, b = (k + 1) % 3;
     double end[2][2], normal[3];
     if (face[a] > face[b]) a = b, b = k;
-    if (!clip_edge(l, at[a], at[b], end)) return;
+    if (is_own(l, face[a], face[b]) || !clip_edge(l, at[a], at[b], end)) return;
     vec_cross(at[a], at[b], normal);
     add_segment(l, normal, end, SEGMENT_EDGE, face[a], face[b]);
 }
 
-/* Where the triangle passes through the light's plane; false: nowhere. normal: of the difference of 1 / h_z. */
+/* Where the triangle passes through the light's plane; false: nowhere. normal: of the difference of 1 / h_z. What lies
+ * on a piece's plane, within rounding, does not pass it: an edge there ends a shadow as others do. */
 static bool cut_by_light(const Light *l, double at[3][3], double end[2][2], double normal[3]) {
     double h[3][3], p[3], q[3], m[3], light, det;
-    int n = 0;
-    for (int k = 0; k < 3; k++) vec_map(l->row, at[k], h[k]);
+    int n = 0, on = 0;
+    for (int k = 0; k < 3; k++) {
+        vec_map(l->row, at[k], h[k]);
+        if (l->lit && fabs(h[k][2] - 1) <= 1 - l->beyond) h[k][2] = 1, on++;
+    }
+    if (on > 1) return false;
     for (int k = 0; k < 3; k++) {
         const double *a = h[k], *b = h[(k + 1) % 3];
         if ((a[2] < 1) == (b[2] < 1) || n == 2) continue;
@@ -273,6 +285,19 @@ void light_edges(Light *l) {
 
 /* ---- triangle by triangle */
 
+/* The last segment is a side of the own triangle, which is wholly on one side of it. */
+static void keep_whole(Light *l, const double normal[3]) {
+    double at[3][3], most = 0;
+    Segment *s = &l->store->segment.data[l->store->segment.n - 1];
+    if (l->lost) return;
+    light_corners(l, l->own, at);
+    for (int k = 0; k < 3; k++) {
+        const double g = vec_dot(normal, at[k]);
+        if (fabs(g) > fabs(most)) most = g;
+    }
+    s->g[0] = s->g[1] = 0, s->g[2] = most < 0 ? -1 : 1;
+}
+
 void light_facets(Light *l) {
     LightStore *store = l->store;
     for (uint32_t i = 0; i < store->triangle.n; i++) {
@@ -289,6 +314,7 @@ void light_facets(Light *l) {
             if (!clip_edge(l, at[a], at[b], end)) end[0][0] = end[1][0] = end[0][1] = end[1][1] = -1;
             vec_cross(at[a], at[b], normal);
             add_segment(l, normal, end, SEGMENT_EDGE, face[a], face[b]);
+            if (is_own(l, face[a], face[b])) keep_whole(l, normal);
         }
         f.cut = l->through && cut_by_light(l, at, end, normal);
         if (f.cut) add_segment(l, normal, end, SEGMENT_PLANE, triangle, triangle);
