@@ -143,7 +143,7 @@ static void look(Search *s, uint32_t from, uint32_t n, const Rectangle *r, int h
 }
 
 /* Pieces that are outlined are so in the last beam of the row. */
-static void keep_beam(Search *s) {
+static __attribute__((noinline)) void keep_beam(Search *s) {
     OutlineBeam b;
     memcpy(b.eye, s->window.eye, sizeof b.eye), memcpy(b.c, s->window.c, sizeof b.c);
     memcpy(b.u, s->window.u, sizeof b.u), memcpy(b.v, s->window.v, sizeof b.v);

@@ -129,7 +129,8 @@ static uint32_t tell(Search *s, int32_t triangle, double area, double at_s, doub
 /* ---- outlines */
 
 /* Parts from `part` on are those of its sides. */
-static void outline_add(Search *s, uint32_t unit, int32_t triangle, const Polygon *p, uint32_t part) {
+static __attribute__((noinline)) void outline_add(Search *s, uint32_t unit, int32_t triangle, const Polygon *p,
+                                                  uint32_t part) {
     Store *store = s->store;
     OutlineRow row = {.unit = unit,
                       .beam = store->beam.n - 1,
@@ -199,6 +200,19 @@ typedef struct Side {
     uint32_t corner;      /* where it begins */
 } Side;
 
+/* Kept for outlines. */
+static __attribute__((noinline)) void outline_part(Search *s, const Side *side, int32_t a, int32_t b, bool outside,
+                                                   double from, double to) {
+    const double ds = side->at[1][0] - side->at[0][0], dt = side->at[1][1] - side->at[0][1];
+    const OutlinePart part = {.from = {side->at[0][0] + from * ds, side->at[0][1] + from * dt},
+                              .to = {side->at[0][0] + to * ds, side->at[0][1] + to * dt},
+                              .a = a,
+                              .b = b,
+                              .side = side->corner,
+                              .outside = outside};
+    (void)PUSH(s->store, s->store->part, part);
+}
+
 /* The part from `from` to `to` of the way between the ends, on a line g = 0 with g > 0 on the left. */
 static void tell_side(Search *s, Side *side, int32_t a, int32_t b, const double g[3], double from, double to) {
     if (!(from < to)) return;
@@ -208,14 +222,10 @@ static void tell_side(Search *s, Side *side, int32_t a, int32_t b, const double 
                  dt = side->at[1][1] - side->at[0][1];
     const double weight = slope > 0 ? (to - from) * side->length / slope : 0;
     put_int(s, unit, SLT_SIDE_A, a), put_int(s, unit, SLT_SIDE_B, b);
-    const bool outside = g[1] * ds - g[0] * dt < 0;
-    const OutlinePlace ends[2] = {{side->at[0][0] + from * ds, side->at[0][1] + from * dt},
-                                  {side->at[0][0] + to * ds, side->at[0][1] + to * dt}};
-    put(s, unit, SLT_SIDE_WEIGHT, outside ? -weight : weight);
-    put(s, unit, SLT_SIDE_S0, ends[0].s), put(s, unit, SLT_SIDE_T0, ends[0].t);
-    put(s, unit, SLT_SIDE_S1, ends[1].s), put(s, unit, SLT_SIDE_T1, ends[1].t);
-    if (s->scene->outlined)
-        (void)PUSH(s->store, s->store->part, ((OutlinePart){ends[0], ends[1], a, b, side->corner, outside}));
+    put(s, unit, SLT_SIDE_WEIGHT, g[1] * ds - g[0] * dt < 0 ? -weight : weight);
+    put(s, unit, SLT_SIDE_S0, side->at[0][0] + from * ds), put(s, unit, SLT_SIDE_T0, side->at[0][1] + from * dt);
+    put(s, unit, SLT_SIDE_S1, side->at[0][0] + to * ds), put(s, unit, SLT_SIDE_T1, side->at[0][1] + to * dt);
+    if (s->scene->outlined) outline_part(s, side, a, b, g[1] * ds - g[0] * dt < 0, from, to);
 }
 
 /* Narrows from and to to where the directions of the side are on q's side of p, in the plane of both. */
