@@ -191,6 +191,16 @@ class Lit(Case):
         self.assertGreater(abs(want), 1e-3)
         self.assertAlmostEqual(gradient, want, delta=1e-8)
 
+    def test_fit(self):
+        """The light is found from its shadow: the floor's cosine alone says little of where it is."""
+        self.put("a.obj", TENT)
+        self.put("s.salt", "import mesh;\n" + PARAMS.replace("param mesh", "[NoDiff] param mesh") + "shader float main(float2 x) { Beam b = pixel_beam(eye, corner, u, v); float sum = 0.0; for (Piece q = m.first(b); q.found; q = m.next(q)) sum += %s; return sum; }\n" % SHADED)
+        self.put("scene.json", json.dumps({"shader": "s.salt", "size": [24, 16], "precision": "f64", "params": {"light": {"grad": True, "value": [0.6, 0.1, 2.4]}},
+                                           "views": [{"target": {"shader": "s.salt", "params": {"light": list(LIGHT)}}}], "optimizer": {"type": "lbfgs", "iters": 60}, "output": "out/"}))
+        self.run_cli("fit", "scene.json")
+        for got, want in zip(json.loads(self.get("out/fitted.json"))["light"], LIGHT):
+            self.assertAlmostEqual(got, want, delta=1e-6)
+
 
 if __name__ == "__main__":
     unittest.main()
