@@ -40,6 +40,7 @@ static bool make_buffers(SltProgram *p, Buffers *b) {
     for (int i = 0; i < SLT_OUT_MAX; i++) ok &= (b->out[i] = aligned_alloc(64, bytes)) != NULL;
     size_t adj = ((size_t)slt_float_count(p) * lanes * 8 + 127) & ~(size_t)63;
     size_t tape = (((size_t)p->scene.tape_bytes + 64) * p->scene.width + 4096 + 63) & ~(size_t)63;
+    if (p->scene.tape_grows) tape += (size_t)1 << 28; /* of the pages those that are touched */
     b->adj = aligned_alloc(64, adj);
     b->tape = aligned_alloc(64, tape);
     b->log_index = malloc((LOG + SLT_PAD) * sizeof(uint32_t));

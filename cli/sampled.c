@@ -100,8 +100,8 @@ static const SltPlace *range_text(const SltStats *s, char *buf, size_t size) {
 static const SltPlace *unmet_text(const SltStats *s, char *buf, size_t size) {
     const char *mesh = s->unmet_at.text;
     snprintf(buf, size,
-             "triangles%s%s%s that nothing meets: %llu; a corner of each is not finite, or beyond 8.5e37, where boxes "
-             "in single precision end",
+             "triangles%s%s%s that nothing meets: %llu; a corner of each is not finite, or beyond 1e29, where "
+             "searches end",
              mesh ? " of `" : "", mesh ? mesh : "", mesh ? "`" : "", (unsigned long long)s->unmet);
     return s->unmet ? &s->unmet_at : NULL;
 }

@@ -49,6 +49,7 @@ struct SltProgram {
     Fn *fn[K_KINDS];     /* IR of the kernels compiled so far */
     bool tried[K_KINDS]; /* asked for before: where fn is NULL all the same, the program has no use for the kernel */
     TapeReport tape[K_KINDS]; /* of the reverse kernels */
+    atomic_bool tape_full;    /* of the call at hand: SltScene.tape_full */
     CompiledModule *modules[16];
     uint32_t nmodules;
     CompiledModule *module_of[K_KINDS];

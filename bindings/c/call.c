@@ -128,6 +128,10 @@ SltStatus api_call_end(ApiCall *c, SltStatus status) {
             status_fail(c->err, SLT_LIMIT,
                         "out of memory for the visible pieces of a mesh: at most 2^24 pieces and sides are kept for "
                         "the samples that run together, so let windows be smaller, or fewer in a loop");
+    if (atomic_exchange(&p->tape_full, false) && status == SLT_OK)
+        status = status_fail(c->err, SLT_LIMIT,
+                             "out of memory for derivatives of a loop over pieces of a mesh: at most 1 GiB is kept of "
+                             "the samples that run together, so let windows be smaller");
     if (c->stats) api_name_drops(p, c->stats), api_geometries_unmet(p, c->stats);
     if (c->theirs) api_struct_write(c->theirs, c->stats, sizeof *c->stats);
     p->scene.iparams = p->ints, p->lent_ints = NULL;

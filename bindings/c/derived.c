@@ -150,6 +150,8 @@ static void build(Session *s, void *user) {
             .width = scene->width,
             .widest = scene->widest,
             .tape_bytes = scene->tape_bytes,
+            .tape_grows = scene->tape_grows,
+            .tape_full = &p->tape_full,
             .dense = scene->dense,
             .kernel =
                 {[K_VALUE] = scene->kernel[K_VALUE], [K_JVP] = scene->kernel[K_JVP], [K_VJP] = scene->kernel[K_VJP]},
@@ -161,6 +163,7 @@ static void build(Session *s, void *user) {
             if (!needs[k] || !set.fn[k]) continue;
             state->fn[k] = set.fn[k], scene->layout[k] = set.layout[k];
             if (set.tape[k].bytes_per_lane > scene->tape_bytes) scene->tape_bytes = set.tape[k].bytes_per_lane;
+            scene->tape_grows |= set.tape[k].grows;
             if (k == K_VJP && !p->opt.interpret) {
                 uint8_t *dense = ARENA_ARRAY(&s->module, uint8_t, p->prog->nfloats + 1);
                 back_dense_adjoints(set.fn[k], dense);

@@ -281,6 +281,7 @@ static void build_body(Session *s, void *arg) {
         }
         if (k == K_VJP) p->scene.rigid = !adds_adjoints(set.fn[k]->body);
         if (set.tape[k].bytes_per_lane > p->scene.tape_bytes) p->scene.tape_bytes = set.tape[k].bytes_per_lane;
+        p->scene.tape_grows |= set.tape[k].grows;
         if (p->opt.interpret) p->scene.kernel[k] = interpreted;
         else if (is_long(&set, k)) long_req[nlong++] = (KernelRequest){kernel_names[k], set.fn[k]};
         else {
@@ -377,7 +378,7 @@ void api_forget_gradients(SltProgram *p) {
         p->tried[kinds[i]] = false;
         p->scene.kernel[kinds[i]] = NULL;
     }
-    p->scene.tape_bytes = 0;
+    p->scene.tape_bytes = 0, p->scene.tape_grows = false;
     api_derived_forget(p);
 }
 

@@ -348,6 +348,7 @@ struct Stmt {
     int64_t trip_bound; /* most iterations that can run: [MaxIters], or proven from constants, len and outer counters;
                            gen may find fewer */
     bool trip_exact;    /* the bound is proven, no [MaxIters] cut is needed */
+    bool trip_told;     /* it goes over the pieces of a mesh, which are far fewer */
     int64_t trip_count; /* the trip count where it is one constant (break and return may shorten it), else 0; for
                            definite assignment */
 };

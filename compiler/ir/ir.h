@@ -79,6 +79,7 @@ typedef struct LoopInfo {
     bool exact;         /* the trip count is this constant */
     bool cull;          /* the runtime's list of iterations may replace 0..max_iters-1 */
     bool found;         /* no [Cull] says so but opt_lists: a pass may take the list away */
+    bool told;          /* an iteration for each of what a query tells: max_iters is far beyond how many there are */
     uint32_t cull_id;   /* the list's number: [Cull] loops first, whose bounds are Program.cull_bounds */
     uint32_t loop_id;   /* dense number of the source loop, for explain */
 } LoopInfo;

@@ -247,6 +247,7 @@ static bool want_imm(Parser *p, Op op, Imm *imm) {
             !want_u32(p, &imm->loop.loop_id))
             return false;
         imm->loop.exact = accept_word(p, "exact");
+        imm->loop.told = accept_word(p, "told");
         imm->loop.found = accept_word(p, "list");
         imm->loop.cull = imm->loop.found || accept_word(p, "cull");
         return !imm->loop.cull || want_u32(p, &imm->loop.cull_id);

@@ -154,6 +154,7 @@ static void add_imm(Text *t, const Inst *i) {
     case OP_loop:
         text_add(t, " max %" PRIu32 " id %" PRIu32, i->imm.loop.max_iters, i->imm.loop.loop_id);
         if (i->imm.loop.exact) text_add(t, " exact");
+        if (i->imm.loop.told) text_add(t, " told");
         if (i->imm.loop.cull) text_add(t, " %s %" PRIu32, i->imm.loop.found ? "list" : "cull", i->imm.loop.cull_id);
         break;
     case OP_print:

@@ -213,6 +213,7 @@ void vjp_loop(Vjp *v, Inst *loop) {
 
     Scope *s = new_scope(v, loop, 0);
     s->trips = loop->imm.loop.max_iters;
+    s->told = loop->imm.loop.told;
     s->segment = (loop->tag & AD_TAG_SEGMENT) != 0;
     Inst *run = s->segment ? tape_rerun(v, s, loop) : tape_run(v, loop);
     s->fwd_block = run->region[0];

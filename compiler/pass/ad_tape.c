@@ -290,7 +290,8 @@ static uint64_t frames_below(const Vjp *v, const Scope *s) {
     return bytes;
 }
 uint64_t tape_left(const Vjp *v, const Scope *s) {
-    return ((s->framed ? s->frame_bytes : 0) + (s->replay && !s->keeps ? 0 : frames_below(v, s))) * s->trips;
+    return ((s->framed ? s->frame_bytes : 0) + (s->replay && !s->keeps ? 0 : frames_below(v, s))) *
+           (s->told ? 1 : s->trips);
 }
 
 /* The most bytes that code run again adds on top, one segment, one iteration at a time. */
@@ -303,6 +304,12 @@ uint64_t tape_on_top(const Vjp *v, const Scope *s) {
         if (bytes > most) most = bytes;
     }
     return most + (s->replay && !s->keeps ? frames_below(v, s) : 0);
+}
+
+bool tape_grows(const Vjp *v) {
+    for (uint32_t k = 0; k < v->scopes.len; k++)
+        if (v->scopes.data[k]->told) return true;
+    return false;
 }
 
 uint64_t tape_bytes(const Vjp *v) { return tape_left(v, v->scopes.data[0]) + tape_on_top(v, v->scopes.data[0]); }
@@ -367,10 +374,10 @@ const char *tape_report(Vjp *v, Arena *arena, uint64_t bytes, uint64_t budget) {
                                 where, (unsigned long long)s->trips, s->recomputed);
             continue;
         }
-        text =
-            arena_printf(arena, "%s%s: %s frame of %u bytes, at most %llu of them; %u values recomputed; stored:", text,
-                         where, s->sparse ? "only iterations that are taken," : "one", s->frame_bytes,
-                         (unsigned long long)s->trips, s->recomputed);
+        const char *many = s->told ? "for each of what is told"
+                                   : arena_printf(arena, "at most %llu of them", (unsigned long long)s->trips);
+        text = arena_printf(arena, "%s%s: %s frame of %u bytes, %s; %u values recomputed; stored:", text, where,
+                            s->sparse ? "only iterations that are taken," : "one", s->frame_bytes, many, s->recomputed);
         text = report_stored(v, arena, text, s);
     }
     if (bytes > budget)

@@ -50,6 +50,7 @@ struct Scope {
     bool segment; /* the whole loop is run again, pushing */
     bool replay;  /* each iteration is run again, in rev_block, from what its frame holds */
     bool keeps;   /* of a replay: inner loops are not run again; their frames are those of the first run */
+    bool told;    /* runs once for each of what a query told: frames are not bounded, and one counts */
     Scope *over;  /* of an if around loops that a replay keeps: that replay, whose rev_block has the if's values */
     uint64_t trips;
     uint32_t frame_bytes, recomputed; /* bytes a lane; values computed again */
@@ -127,6 +128,7 @@ void tape_store(Vjp *v, Scope *s, Inst *x, Inst *param, Inst *what);
 void tape_prepare(Vjp *v);
 bool tape_find_guards(Vjp *v, Inst *loop, Scope *s);
 uint64_t tape_bytes(const Vjp *v);
+bool tape_grows(const Vjp *v); /* beyond that, with what queries tell */
 uint64_t tape_left(const Vjp *v, const Scope *s);
 uint64_t tape_on_top(const Vjp *v, const Scope *s);
 const char *tape_report(Vjp *v, Arena *arena, uint64_t bytes, uint64_t budget);

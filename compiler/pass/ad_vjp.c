@@ -391,12 +391,12 @@ static LoopPlan *choose_level(const Vjp *v, Plan *plan, bool paths_only) {
     for (uint32_t k = 0; k < v->scopes.len; k++) {
         const Scope *s = v->scopes.data[k];
         LoopPlan *p = s->top ? NULL : plan_of(plan, s);
-        if (!p || p->done || (paths_only && !of_path(s)) || is_promised(s->owner) || !tape_can_rerun(v, s->owner) ||
-            !next_levels(p))
+        if (!p || p->done || s->told || (paths_only && !of_path(s)) || is_promised(s->owner) ||
+            !tape_can_rerun(v, s->owner) || !next_levels(p))
             continue;
         uint64_t bytes = tape_left(v, s) + tape_on_top(v, s);
         for (const Scope *up = s->parent; up && !s->segment && (!up->replay || up->keeps); up = up->parent)
-            bytes *= up->trips;
+            bytes *= up->told ? 1 : up->trips;
         if (bytes <= most) continue;
         most = bytes;
         best = p;
@@ -427,7 +427,7 @@ static void keep(Search *q, Vjp *v) {
     q->best = v->fn;
     q->bytes = tape_bytes(v);
     if (!q->report) return;
-    *q->report = (TapeReport){.bytes_per_lane = q->bytes};
+    *q->report = (TapeReport){.bytes_per_lane = q->bytes, .grows = tape_grows(v)};
     for (uint32_t s = 0; s < v->scopes.len; s++)
         q->report->frame_values += v->scopes.data[s]->framed ? v->scopes.data[s]->stored.len : 0;
     q->report->text = tape_report(v, q->primal->arena, q->bytes, q->budget);

@@ -112,6 +112,7 @@ Fn *ad_jvp(PassCtx *ctx, const Fn *fn, const AdOptions *o);
 typedef struct TapeReport {
     uint32_t frame_values;   /* numbers in all frames, counted once a loop */
     uint64_t bytes_per_lane; /* worst case */
+    bool grows;              /* of one iteration of loops that go over what queries tell: more with each */
     const char *text;        /* what is stored, what recomputed, and why: for explain */
 } TapeReport;
 Fn *ad_vjp(PassCtx *ctx, const Fn *fn, const AdOptions *o, TapeReport *report);

@@ -360,13 +360,14 @@ static void report_untracked(Warn *w) {
             report_stepping(w, t->at, t->span);
             continue;
         }
-        if (t->kind == JUMP_PIECES && !warn_pieces(w->fn, t->at)) continue;
+        const bool pieces = t->kind == JUMP_PIECES;
+        if (pieces && !warn_pieces(w->fn, t->at, program->geometries[t->at->imm.query.geometry].nfaces > 1)) continue;
         Depend d = {0};
         if (t->g0) depend_merge(&d, &w->dep[t->g0->id]);
         if (t->g1) depend_merge(&d, &w->dep[t->g1->id]);
         if (is_always(t->kind)) depend_merge(&d, &w->dep[t->at->id]);
         if (t->kind == JUMP_EQUALITY && !(d.on & DEPENDS_PIECES)) continue; /* the equality holds on a curve at most */
-        if (!(d.on & DEPENDS_PARAM) || !(program->of_elements || d.on & (DEPENDS_X | DEPENDS_RAND)) ||
+        if (!(d.on & DEPENDS_PARAM) || !(pieces || program->of_elements || d.on & (DEPENDS_X | DEPENDS_RAND)) ||
             both_sides_equal(w, t, &uses[i]))
             continue;
         /* What changes by jumps alone changes where they do: those are asked themselves, or tagged. */

@@ -9,7 +9,7 @@
 void warn_probe(PassCtx *ctx, const Fn *fn, const Depend *dep, const Untracked **list, uint32_t n, bool *shows);
 
 /* ---- warn_pieces.c: may an output jump where a visible piece that the query finds comes, goes or is cut? False: each
- * counts by its area. The Fn, a primal, is numbered. */
-bool warn_pieces(Fn *fn, const Inst *query);
+ * counts by its area. many: there may be more than one. The Fn, a primal, is numbered. */
+bool warn_pieces(Fn *fn, const Inst *query, bool many);
 
 #endif

@@ -118,6 +118,8 @@ bool mesh_is_file(const char *path) {
 
 SltStatus mesh_decode(const char *name, const uint8_t *bytes, size_t size, Mesh *out, SltError *err) {
     *out = (Mesh){0};
+    static const uint8_t mark[] = {0xef, 0xbb, 0xbf}; /* of UTF-8, which some editors put first */
+    if (size >= sizeof mark && !memcmp(bytes, mark, sizeof mark)) bytes += sizeof mark, size -= sizeof mark;
     const bool ply = !strcasecmp(extension(name), ".ply");
     MeshReader r = {.name = name, .unit = "line", .place = 1, .counts_from = !ply, .mesh = out, .err = err};
     SltStatus status = (ply ? mesh_decode_ply : mesh_decode_obj)(&r, (const char *)bytes, size);

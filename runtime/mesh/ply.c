@@ -231,6 +231,7 @@ static SltStatus take_elements(Ply *p, const Element *e) {
         least += !p->binary ? 1 : type_bytes[q->count ? q->count : q->type];
     }
     if (!least) return SLT_OK;
+    if (p->binary) p->r->place = 1;
     if (e->n && e->n > (uint64_t)(p->end - p->at + 1) / least)
         return mesh_fail(p->r, "%llu elements are more than the file holds", (unsigned long long)e->n);
     SltStatus status = SLT_OK;

@@ -17,6 +17,9 @@
 enum { FEW_BYTES = 1 << 16 };
 
 enum { FOLD = 1 << 13 }; /* entries of a log, which then still lies in a cache */
+/* Entries of one that a call may fill by as much as queries tell, or would have to run twice. The system gives those
+ * pages that are touched. */
+enum { LONG_LOG = 1 << 22 };
 
 static void *zero_pages(uint64_t bytes) {
     if (bytes <= FEW_BYTES) {
@@ -95,7 +98,7 @@ static void call_rows(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32
     assert(which + rows <= a->n);
     AdjointBuffer *buf = &a->buf[which];
     if (!n) return;
-    a->failed = a->failed || (!buf->log_cap && !grow_log(a, buf, 0));
+    a->failed = a->failed || (!buf->log_cap && !grow_log(a, buf, a->s->tape_grows ? LONG_LOG : 0));
     if (a->failed) {
         batch_stop(b, kind);
         return;

@@ -1,9 +1,12 @@
 /* Allocating, filling and padding the arrays of kernel calls. */
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 
 #include "runtime/sample/batch.h"
 #include "saltus/chunks.h"
+
+#define TAPE_ROOM ((uint64_t)1 << 30) /* bytes, of a tape that grows */
 
 enum { SLOT_BYTES = (BATCH + SLT_PAD) * sizeof(double), POISON = 0xff /* of all bytes: NaN, -1 */ };
 
@@ -56,6 +59,21 @@ void batch_prune(Batch *b, const SltPruned *pruned, uint64_t *choices) {
     b->args.choices = choices ? choices : b->all_memory;
 }
 
+/* A tape that grows has as many addresses as may be; the system gives those pages that are touched. */
+static void make_tape(Batch *b, uint64_t bytes) {
+    const uint64_t least = bytes;
+    if (b->s->tape_grows) bytes += TAPE_ROOM;
+    do {
+        if (!b->s->tape_grows) b->tape = aligned_alloc(64, bytes);
+        else {
+            void *p = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+            b->tape = p == MAP_FAILED ? NULL : p;
+        }
+        b->args.tape = b->tape, b->args.tape_bytes = b->tape ? bytes : 0;
+        bytes /= 2;
+    } while (!b->tape && bytes > least);
+}
+
 bool batch_init(Batch *b, const SltScene *s, const Grid *g) {
     memset(b, 0, sizeof *b);
     b->s = s, b->f64 = s->f64, b->grid = g;
@@ -72,8 +90,7 @@ bool batch_init(Batch *b, const SltScene *s, const Grid *g) {
     b->args.resolution[0] = b->args.resolution[1] = 1;
     if (image) b->args.resolution[0] = (int32_t)g->n[0], b->args.resolution[1] = (int32_t)g->n[1];
     uint64_t lanes = s->width > SLT_PAD ? s->width : SLT_PAD;
-    b->args.tape_bytes = (s->tape_bytes * lanes + 4096 + 63) & ~(uint64_t)63;
-    b->args.tape = b->tape = aligned_alloc(64, b->args.tape_bytes);
+    make_tape(b, (s->tape_bytes * lanes + 4096 + 63) & ~(uint64_t)63);
     if (!run_all(b)) return false;
 #ifndef NDEBUG
     b->poison = aligned_alloc(64, SLOT_BYTES);
@@ -84,6 +101,7 @@ bool batch_init(Batch *b, const SltScene *s, const Grid *g) {
 }
 
 void batch_free(Batch *b) {
+    if (b->s && b->s->tape_grows && b->tape) munmap(b->tape, b->args.tape_bytes), b->tape = NULL;
     free(b->memory), free(b->tape), free(b->poison), free(b->all_memory);
     b->memory = b->all_memory = NULL, b->tape = b->poison = NULL;
 }
@@ -188,6 +206,7 @@ void batch_call(Batch *b, SltKernelKind kind, uint32_t n) {
                         ? b->s->print
                         : NULL; /* derivatives run at the same samples as the value */
     call(b, kind, b->s->kernel[kind], n);
+    if (b->args.counters[SLT_COUNT_TAPE_OVERFLOW] && b->s->tape_full) atomic_store(b->s->tape_full, true);
     if (b->again) b->args.counters[SLT_COUNT_TRUNCATED] = truncated, b->args.counters[SLT_COUNT_ASSERT] = asserts;
 }
 

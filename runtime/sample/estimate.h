@@ -19,6 +19,7 @@
 #ifndef SALTUS_SAMPLE_ESTIMATE_H
 #define SALTUS_SAMPLE_ESTIMATE_H
 
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -99,6 +100,8 @@ typedef struct SltScene {
     bool detached;       /* somewhere the program has no derivative of a value on purpose */
     bool frugal;         /* whoever asks takes many steps, and bears noise: SLT_EST_AUTO spends what the lattice does */
     uint64_t tape_bytes; /* a lane, the largest of all kernels */
+    bool tape_grows;     /* some push more, with what queries tell */
+    atomic_bool *tape_full; /* a tape that grows was: derivatives are not whole */
     uint32_t ncull;
     SltKernel *const *cull_bounds;               /* [ncull]: kernels of kind CULL, by [Cull] loop */
     const uint32_t *cull_count;                  /* [ncull]: iterations of each loop */

@@ -57,7 +57,15 @@ void sink_move(Sink *k, const Crossing *c) {
     k->moved = moves;
 }
 
-#define ROUNDED 0x1p-6 /* part of a segment: a change of g on the bracket that its slope makes on this part is rounding */
+/* Part of a segment: a change of g on the bracket that its slope makes on this part is rounding. The g of a line of a
+ * mesh is a polynomial that never jumps, and of an eye far away its rounding is more. */
+#define ROUNDED 0x1p-6
+#define ROUNDED_LINE 0x1p-2
+
+static double rounded_part(const SltScene *s, int32_t site) {
+    const bool line = s->site_kind[site] >= SLT_SITE_MESH && s->site_kind[site] <= SLT_SITE_MESH_SHADOW;
+    return line ? ROUNDED_LINE : ROUNDED;
+}
 
 static double length(const double v[3], uint32_t dim) {
     double sum = 0;
@@ -86,7 +94,7 @@ static bool weigh(const Sink *k, Crossing *c, SltDrop *reason) {
      * much.
      */
     else if (ldexp(fabs(c->ga) + fabs(c->gb), -power) >
-             sqrt(plain) * fmax(32 * c->bracket, ROUNDED * length(c->direction, dim)))
+             sqrt(plain) * fmax(32 * c->bracket, rounded_part(k->b->s, c->event.site) * length(c->direction, dim)))
         *reason = SLT_DROP_INCONSISTENT;
     else {
         if (c->axis >= 0) {

@@ -1,4 +1,6 @@
 """Visible pieces from the outside: what a window sees of simple meshes, pieces handed about, differences, what is not asked."""
+import math
+
 from harness import *
 
 # Seen from (0, 0, 2) through the window [-1, 1]^2 at z = 0: a quarter of it, its half of the depth beyond nearer.
@@ -63,6 +65,25 @@ class Pieces(Case):
             with self.subTest(args):
                 self.assertIn("PASS", self.run_cli("check", "m.salt", *args).out)
 
+    def test_reverse_searches_once(self):
+        """Of many pieces that ask for light: a frame for each on the tape, with what was found, whatever the bound of the loop; and the derivative is right."""
+        n = 12
+        wavy = "".join("v %.4f %.4f %.4f\n" % (1.6 * i / n - 0.8, 1.6 * k / n - 0.8, 0.1 * math.sin(2.0 * i) * math.cos(1.7 * k)) for k in range(n + 1) for i in range(n + 1))
+        wavy += "".join("f %d %d %d %d\n" % (a, a + 1, a + n + 2, a + n + 1) for k in range(n) for i in range(n) for a in [k * (n + 1) + i + 1])
+        more = "param float3 lamp = float3(-0.4, -0.3, 1.5);\nparam float s = 1.3;\n"
+        self.program("AreaLight l = {lamp, float3(0.0, 0.7, 0.0), float3(0.6, 0.0, 0.0)}; for (Piece q = m.first(b); q.found; q = m.next(q)) sum += s * q.area * m.irradiance(q.p, q.normal, l);", mesh=wavy, more=more)
+        tape = self.run_cli("explain", "m.salt").out.split("tape of vjp")[1].split("\n\n")[0]
+        self.assertIn("for each of what is told", tape)
+        self.assertIn("witness (nothing is searched again)", tape)
+        self.assertNotIn("checkpointed", tape)
+        gradient = self.integral()["gradient"]
+        self.assertAlmostEqual(gradient["s"] * 1.3, self.integral()["integral"][0], delta=1e-12)
+        self.assertEqual(gradient["lamp"], self.integral("--interpret")["gradient"]["lamp"])
+        h = 1e-4
+        for k, at in enumerate((-0.4, -0.3, 1.5)):
+            sides = [self.integral("--param", "lamp.%s=%r" % ("xyz"[k], at + sign * h))["integral"][0] for sign in (1, -1)]
+            self.assertAlmostEqual(gradient["lamp"][k], (sides[0] - sides[1]) / (2 * h), delta=1e-6)
+
     def test_nothing_knows_bounds(self):
         """Nobody runs boxes through a loop over pieces, which would not end."""
         self.program("for (Piece q = m.first(b); q.found; q = m.next(q)) sum += q.area;", mesh=CROSSING)
@@ -96,6 +117,8 @@ class Pieces(Case):
             "{ float w = 0.0; for (int i = 0; i < 4; i++) w += q.area * float(i); sum += w; }",
             "{ float w = k; for (int i = 0; i < 4; i++) w = w * 0.5 + q.p.x; sum += q.area * w; }",
             "{ float w = q.area; if (x.x > 0.5) w *= 2.0; sum += w; }",
+            "{ if (q.area > 0.0) sum += q.area * k; }",
+            "{ float3 c = q.part == 0 ? float3(1.0) : q.normal; sum += q.area * dot(c, c) / (1.0 + q.p.z * q.p.z); }",
             "acc[q.part & 3] += q.area; sum = acc[0] + acc[1] * k;",
         )
         loud = (
@@ -107,12 +130,27 @@ class Pieces(Case):
             "{ sum += other * k; other *= 1.0 - q.area; }",
             "acc[q.part & 3] += 1.0; sum = acc[0] + acc[1] * k;",
             "{} sum = m.first(b).found ? 1.0 : 0.0;",
+            "{} sum = k * m.first(b).area;",
+            "{} sum = m.next(m.first(b)).area;",
+            "sum += q.area / max(q.area, 1e-9);",
+            "{ other += 1.0; sum += q.area * other; }",
+            "{ other += 1.0; sum += q.area; if (other > 2.0) break; }",
+            "{ sum += q.area; if (q.part == 1) break; }",
+            "sum += q.area * (1.0 + sum);",
+            "sum = lerp(sum, 1.0, q.area);",
+            "{ if (q.area > 0.1) sum += q.area; }",
+            "sum += sqrt(q.area);",
         )
         before = "float other = 1.0; float acc[4]; for (int i = 0; i < 4; i++) acc[i] = 0.0; b.corner.x += 0.1 * x.x; "
         for body, warned in [(s, False) for s in silent] + [(s, True) for s in loud] + [("sum += 1.0;", None)]:
             with self.subTest(body=body):
                 self.program(before + ("[NoDisc] " if warned is None else "") + loop + body, more="param float k = 1.0;\n")
                 self.assertEqual("visible pieces" in self.run_cli("explain", "m.salt").err, bool(warned))
+        for window in ("b.corner.x += 0.01 * float(pixel().x); ", ""):  # one for a pixel, one for all
+            self.program(window + loop + "sum += 1.0;")
+            self.assertIn("W0402", self.run_cli("explain", "m.salt").err)
+            self.program(window + loop + "sum += q.area * q.p.z;")
+            self.assertNotIn("W04", self.run_cli("explain", "m.salt").err)
         self.program("for (int i = 0; i < 3; i++) { b.eye.x += 0.1; " + loop + "sum += q.area * float(i); }")
         self.assertNotIn("W04", self.run_cli("explain", "m.salt").err)
 

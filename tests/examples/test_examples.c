@@ -78,6 +78,8 @@ static const Example examples[] = {
     {"kaleidoscope/kaleidoscope.salt", "--precision f64", "48x48", NULL},
     {"kaleidoscope/kaleidoscope.salt", "--entry sites", "48x48", NULL},
     {"displacement/displacement.salt", "--precision f64", "48x48", NULL},
+    {"glossy_knot/knot.salt", "--precision f64 --param seen=0.29,0.6,0.05,0.05", "24x18", NULL},
+    {"dining_room/room.salt", "--precision f64 --param seen=0.26,0.22,0.01,0.01", "24x15", NULL},
     {"pathtrace/terrain.salt", "--set BOUNCES=1", "24x16", NULL},
     {"pathtrace/soft_sun.salt", "--entry sites --set BOUNCES=0", "24x16", NULL},
     {"pathtrace/soft_sun.salt", "--entry slices --set BOUNCES=0", "24x16", NULL},

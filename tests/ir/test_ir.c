@@ -26,8 +26,9 @@ static Fn *everything(TestFn *t, Precision p) {
     ir_special(b, OP_store, TY_VOID, 3, (Inst *[]){array, one, theta}, (Imm){0});
     ir_special(b, OP_acopy, TY_VOID, 2, (Inst *[]){copy, array}, (Imm){0});
     Inst *mark = ir_special(b, OP_tapemark, TY_TAPE, 0, NULL, (Imm){0});
-    Inst *loop = ir_loop(b, 2, (Inst *[]){x, zero},
-                         (LoopInfo){.max_iters = 12, .exact = true, .cull = true, .cull_id = 3, .loop_id = 9});
+    Inst *loop =
+        ir_loop(b, 2, (Inst *[]){x, zero},
+                (LoopInfo){.max_iters = 12, .exact = true, .told = true, .cull = true, .cull_id = 3, .loop_id = 9});
     Block *body = loop->region[0];
     Builder in = ir_at_end(fn, body);
     ir_special(&in, OP_tapepush, TY_VOID, 2, (Inst *[]){body->params[1], body->params[0]}, (Imm){0});

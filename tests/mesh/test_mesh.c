@@ -145,6 +145,7 @@ static void test_errors(void **state) {
         {"a.obj", "v 0 0\n", "line 1: `v` wants 3 numbers, there are 2"},
         {"a.obj", "v 0 0 x\n", "line 1: `v` wants numbers"},
         {"a.obj", "v 0 0 0x10\n", "line 1: `v` wants numbers"},
+        {"a.obj", "\xef\xbb\xbfv 0 0 0\nf 1 1 2\n", "line 2: there is no vertex 2: the file has 1 vertices"},
         {"a.obj", "\n\nv 0 0 inf\n", "line 3: a number is not finite"},
         {"a.obj", "v 0 1 \\\n\\\nz\n", "line 1: `v` wants numbers"},
         {"a.ply", "plY\n", "line 1: it is no PLY file"},

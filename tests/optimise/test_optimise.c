@@ -111,6 +111,70 @@ static void lbfgs_bounds(void **state) {
     optimise_free(o);
 }
 
+/* Coupled: sum over i of w_i (x_i - m_i + c (x_i+1 - m_i+1))^2, x logarithms where it says so. */
+enum { BOXED = 12 };
+static struct {
+    double w[BOXED], m[BOXED], c;
+    uint8_t log[BOXED];
+} boxed_now;
+
+static double boxed(const double *p, double *g, size_t n) {
+    double sum = 0, x[BOXED + 1] = {0};
+    memset(g, 0, n * sizeof *g);
+    for (size_t i = 0; i < n; i++) x[i] = (boxed_now.log[i] ? log(p[i]) : p[i]) - boxed_now.m[i];
+    for (size_t i = 0; i < n; i++) {
+        const double d = x[i] + boxed_now.c * x[i + 1];
+        sum += boxed_now.w[i] * d * d;
+        g[i] += 2 * boxed_now.w[i] * d;
+        if (i + 1 < n) g[i + 1] += 2 * boxed_now.w[i] * d * boxed_now.c;
+    }
+    for (size_t i = 0; i < n; i++) g[i] /= boxed_now.log[i] ? p[i] : 1;
+    return sum;
+}
+
+/* Minima inside the bounds, at them, and beyond them, some reached from a bound that the first step runs into: at the
+ * end no derivative points into the box, and the optimiser says that it has converged. */
+static void lbfgs_inside_at_and_beyond_bounds(void **state) {
+    (void)state;
+    uint32_t seed = 7, inside = 0, at_bound = 0, most = 0;
+    for (int round = 0; round < 60; round++) {
+        double start[BOXED], lo[BOXED], hi[BOXED], g[BOXED];
+        for (int i = 0; i < BOXED; i++) {
+            double u[4];
+            for (int k = 0; k < 4; k++) seed = seed * 1664525u + 1013904223u, u[k] = (seed >> 8) * 0x1p-24;
+            boxed_now.log[i] = i % 3 == 0;
+            boxed_now.w[i] = exp(6 * u[0] - 3), boxed_now.m[i] = 3 * u[1] - 1.5; /* of bounds -1 and 1 */
+            if (u[3] < 0.2) boxed_now.m[i] = u[3] < 0.1 ? -1 : 1;
+            start[i] = 2 * u[2] - 1, lo[i] = -1, hi[i] = 1;
+            if (boxed_now.log[i]) start[i] = exp(start[i]), lo[i] = exp(-1), hi[i] = exp(1);
+        }
+        boxed_now.c = round % 3 == 0 ? 0 : 0.6;
+        OptimiseConfig c = {.n = BOXED,
+                            .method = OPTIMISE_LBFGS,
+                            .start = start,
+                            .lo = lo,
+                            .hi = hi,
+                            .log = boxed_now.log,
+                            .default_rate = round % 2 ? 0.1 : 5};
+        Optimiser *o = make(&c);
+        assert_int_equal(run(o, &c, boxed, 1000), OPTIMISE_CONVERGED);
+        const double *best = optimise_best(o, NULL);
+        (void)boxed(best, g, BOXED);
+        for (int i = 0; i < BOXED; i++) {
+            const bool low = best[i] == lo[i], high = best[i] == hi[i];
+            if (low ? g[i] < -1e-6 : high ? g[i] > 1e-6 : fabs(g[i]) > 1e-5)
+                fail_msg("round %d, %d: %.12g with a slope of %.3g (%s)", round, i, best[i], g[i], optimise_reason(o));
+            if (low || high) at_bound++;
+            else inside++;
+        }
+        if (optimise_evaluations(o) > most) most = (uint32_t)optimise_evaluations(o);
+        optimise_free(o);
+    }
+    print_message("%u inside, %u at bounds, at most %u evaluations\n", inside, at_bound, most);
+    assert_true(inside > 200 && at_bound > 100);
+    assert_true(most < 250);
+}
+
 static void first_order_quadratic(void **state) {
     (void)state;
     double start[5] = {3, -2, 8, 0, 1}, rate[5] = {0.05, 0.05, 0.05, 0.05, 0}, hi[5] = {9, 9, 1.5, 9, 9};
@@ -650,6 +714,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(lbfgs_rosenbrock),
         cmocka_unit_test(lbfgs_bounds),
+        cmocka_unit_test(lbfgs_inside_at_and_beyond_bounds),
         cmocka_unit_test(first_order_quadratic),
         cmocka_unit_test(adam_first_steps),
         cmocka_unit_test(logarithms),

@@ -482,12 +482,83 @@ static void test_together(void **state) {
     free(s), free(a);
 }
 
+/* A call padded with copies of a sample asks once: lanes with the question of the lane before have its answer. */
+static void test_copies(void **state) {
+    (void)state;
+    enum { WIDTH = 8 };
+    LitScene *s = calloc(1, sizeof *s);
+    Answer *a = calloc(1, sizeof *a);
+    double rays[SLT_LOBE_ROWS][WIDTH];
+    int32_t unit[WIDTH];
+    for (int lobe = 0; lobe < 2; lobe++) {
+        set_scene(s, 1);
+        Trimesh *m = make(s, true);
+        const SltGeometry *g = &m->base.shared;
+        ask(m, s, lobe, LIGHT_BY_COUNTS, a);
+        for (uint32_t r = 0; r < SLT_LOBE_ROWS; r++)
+            for (uint32_t k = 0; k < WIDTH; k++) rays[r][k] = s->row[r] + (r == 0 && k >= 4 ? 0.01 : 0);
+        pieces_begin();
+        g->query[lobe ? SLT_QUERY_LTC : SLT_QUERY_IRRADIANCE](g, s->at, rays, 0xee, WIDTH, unit);
+        assert_int_equal(unit[0], 0);
+        assert_int_equal(unit[4], 0);
+        for (uint32_t k = 1; k < WIDTH; k++)
+            if (k != 4) assert_int_equal(unit[k], unit[k < 4 ? 1 : 5]);
+        assert_int_not_equal(unit[1], unit[5]);
+        assert_true(told(true, unit[1], SLT_LIGHT_VALUE) == a->value);
+        assert_true(told(true, unit[5], SLT_LIGHT_VALUE) != a->value);
+        geometry_free(&m->base.shared);
+    }
+    free(s), free(a);
+}
+
+/* What one query found serves the other of the same receiver, to the bit, and no longer than until the next vector of
+ * samples begins. */
+static void test_both(void **state) {
+    (void)state;
+    LitScene *s = calloc(1, sizeof *s);
+    Answer *alone = calloc(2, sizeof *alone);
+    int32_t unit[2][2];
+    for (int which = 0; which < SCENES; which++)
+        for (int way = LIGHT_SILHOUETTES; way <= LIGHT_TRIANGLES; way++) {
+            set_scene(s, which);
+            Trimesh *m = make(s, true);
+            LightScene scene = {.tree = {.bvh = &m->bvh},
+                                .adjacency = &m->adjacency,
+                                .search = m->rays->by[true],
+                                .beam = m->beam,
+                                .values = s->at,
+                                .way = (LightWay)way,
+                                .both = true};
+            for (int lobe = 0; lobe < 2; lobe++) ask(m, s, lobe, (LightWay)way, &alone[lobe]);
+            for (int first = 0; first < 2; first++) {
+                pieces_begin();
+                for (int k = 0; k < 2; k++) {
+                    const int lobe = first ^ k;
+                    assert_true(light_find(&scene, lobe ? SLT_QUERY_LTC : SLT_QUERY_IRRADIANCE, s->row, 1, 1,
+                                           &unit[first][lobe]));
+                    assert_true(told(true, unit[first][lobe], SLT_LIGHT_VALUE) == alone[lobe].value);
+                    for (uint32_t r = 0; r < SLT_LIGHT_ROWS; r++)
+                        assert_true(told(true, unit[first][lobe], SLT_LIGHT_SLOPES + r) == alone[lobe].row[r]);
+                }
+            }
+            const double was = alone[0].value;
+            for (uint32_t i = 0; i < s->nvertices; i++)
+                s->at[i][0] += 0.02; /* boxes stay: they are wide enough for that */
+            scene.tree.slack = 0.05, scene.tree.moved = s->at;
+            pieces_begin();
+            assert_true(light_find(&scene, SLT_QUERY_IRRADIANCE, s->row, 1, 1, &unit[0][0]));
+            assert_true(told(true, unit[0][0], SLT_LIGHT_VALUE) != was);
+            geometry_free(&m->base.shared);
+        }
+    free(s), free(alone);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_unoccluded),   cmocka_unit_test(test_horizon),    cmocka_unit_test(test_half_hidden),
         cmocka_unit_test(test_at_the_light), cmocka_unit_test(test_degenerate), cmocka_unit_test(test_on_the_mesh),
         cmocka_unit_test(test_values),       cmocka_unit_test(test_grids),      cmocka_unit_test(test_derivatives),
-        cmocka_unit_test(test_together),
+        cmocka_unit_test(test_together),     cmocka_unit_test(test_copies),     cmocka_unit_test(test_both),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

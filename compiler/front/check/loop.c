@@ -441,7 +441,10 @@ static Trips count_trips(Loops *l, Stmt *st) {
         t.why = "its condition is always true";
         return t;
     }
-    if (visits_pieces(l, st, &t.most)) return t;
+    if (visits_pieces(l, st, &t.most)) {
+        st->trip_told = true;
+        return t;
+    }
     if (!find_form(l, st, st->expr, &f)) {
         t.why = f.why;
         return t;

@@ -162,6 +162,13 @@ static const char *file_of(Checker *c, const char *path) {
     return !colon || strchr(colon, '/') ? path : arena_strndup(&c->s->session, path, (size_t)(colon - path));
 }
 
+/* Readers of files begin with `cannot read 'FILE': `, as the message does. */
+static const char *without_file(const char *why) {
+    static const char begin[] = "cannot read '";
+    const char *end = strncmp(why, begin, sizeof begin - 1) ? NULL : strstr(why, "': ");
+    return end ? end + strlen("': ") : why;
+}
+
 static bool probe_asset(Checker *c, const Symbol *sym, uint32_t dims[4], uint32_t *ndims) {
     const char *why = NULL;
     bool ok = false;
@@ -173,7 +180,7 @@ static bool probe_asset(Checker *c, const Symbol *sym, uint32_t dims[4], uint32_
         ok = c->opt->probe(c->opt->probe_user, sym->asset, sym, dims, ndims, &why);
     if (ok) return true;
     diag_emit(c->s, DIAG_bad_asset, sym->value_span.file >= 0 ? sym->value_span : sym->span, sym->asset,
-              why ? why : "unknown reason");
+              why ? without_file(why) : "unknown reason");
     c->s->bad_input = true;
     return false;
 }

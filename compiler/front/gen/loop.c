@@ -398,7 +398,7 @@ static void finish(Lower *l, LoopJob *job, LoopCtx *ctx, Inst *go_on) {
 
 static void gen_rotated(Lower *l, LoopJob *job) {
     LoopCtx ctx = {.iters = (uint64_t)job->plan.bound};
-    LoopInfo info = {.max_iters = (uint32_t)job->plan.bound, .exact = job->plan.exact};
+    LoopInfo info = {.max_iters = (uint32_t)job->plan.bound, .exact = job->plan.exact, .told = job->s->trip_told};
     loop_begin(l, &ctx, &job->carried, info);
     Inst *more = iteration(l, job, ctx.k, true);
     if (job->plan.cut) more = cut_short(l, more, ctx.k, job->plan.bound);
@@ -410,7 +410,7 @@ static void gen_rotated(Lower *l, LoopJob *job) {
 static void gen_header_in_body(Lower *l, LoopJob *job) {
     Stmt *s = job->s;
     LoopCtx ctx = {.iters = (uint64_t)job->plan.bound + 1};
-    loop_begin(l, &ctx, &job->carried, (LoopInfo){.max_iters = (uint32_t)job->plan.bound + 1});
+    loop_begin(l, &ctx, &job->carried, (LoopInfo){.max_iters = (uint32_t)job->plan.bound + 1, .told = s->trip_told});
     if (job->by_index) {
         Inst *i = counter_value(l, &job->counter, job->start, ctx.k);
         var_set(l, job->counter.var, i);

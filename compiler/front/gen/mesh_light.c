@@ -20,7 +20,7 @@ static Inst *of_vertices(Lower *l, const Symbol *sym, uint32_t geometry, Inst *a
     sum->value = kf(l, 0);
     if_begin(l, &some, op2(l, OP_ilt, ki(l, 0), units));
     vec_push(l->arena, &carried, sum);
-    loop_begin(l, &c, &carried, (LoopInfo){.max_iters = SLT_LIGHT_MAX_COUNT});
+    loop_begin(l, &c, &carried, (LoopInfo){.max_iters = SLT_LIGHT_MAX_COUNT, .told = true});
     Inst *unit = op2(l, OP_iadd, op2(l, OP_iadd, answer, c.k), ki(l, SLT_LIGHT_EDGES));
     for (uint32_t k = 0; k < 2; k++) {
         Inst *vertex = clamp_index(l, told(l, geometry, SLT_LIGHT_A + k, unit, TY_INT), false, sym->nvertices),

@@ -7,6 +7,8 @@
 #include <string.h>
 #include <sys/mman.h>
 
+#define FAR 1e29 /* coordinates, of what is met: squares of boxes in single precision and t of rays stay in range */
+
 enum { BINS = 16, PAGE = 1 << 21 /* a huge one */ };
 
 typedef struct Box {
@@ -58,7 +60,7 @@ static inline bool triangle_box(const Bvh *b, const void *values, uint32_t trian
         const double p = at[0][a], q = at[1][a], r = at[2][a];
         double lo = q < p ? q : p, hi = q > p ? q : p;
         lo = r < lo ? r : lo, hi = r > hi ? r : hi;
-        if (!(fabs(p) + fabs(q) + fabs(r) <= 0.25 * (double)FLT_MAX)) fine = false, lo = hi = 0;
+        if (!(fabs(p) + fabs(q) + fabs(r) <= 3 * FAR)) fine = false, lo = hi = 0;
         out->lo[a] = f64 ? below(lo) : (float)lo, out->hi[a] = f64 ? above(hi) : (float)hi;
     }
     return fine;

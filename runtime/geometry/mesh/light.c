@@ -19,7 +19,9 @@ static pthread_once_t once = PTHREAD_ONCE_INIT;
 static void release(void *p) {
     LightStore *s = p;
     free(s->edge.data), free(s->triangle.data), free(s->segment.data), free(s->facet.data), free(s->list.data);
-    free(s->piece.data), free(s->lit.data), free(s->stamp), free(s);
+    free(s->piece.data), free(s->lit.data), free(s->shown.data), free(s->near.data), free(s->stamp);
+    for (uint32_t k = 0; k < LIGHT_SLOTS; k++) free(s->kept[k].data);
+    free(s);
 }
 
 static void make_key(void) { (void)pthread_key_create(&key, release); }
@@ -56,6 +58,7 @@ static Shine light_set(Light *l, const void *rays, uint32_t width, bool lobe, Lt
         l->u[a] = row[SLT_LIGHT_V + a], l->v[a] = row[SLT_LIGHT_U + a];
         far = fmax(far, fabs(l->p[a]));
     }
+    memcpy(l->key, row, sizeof l->key);
     vec_cross(l->u, l->v, product);
     const double det = vec_dot(l->c, product);
     if (!(det > 0) || !isfinite(det)) return DARK;
@@ -137,17 +140,27 @@ int32_t light_tell(const Light *l, const double *head, const LightEdge *edge, ui
     return first;
 }
 
-/* ltc: NULL without a lobe. */
-static int32_t answer(Light *l, const Ltc *ltc) {
+/* What shines on the receiver: the same for both queries. */
+static void search(Light *l) {
     LightStore *s = l->store;
-    const double scale = ltc ? ltc->amplitude.v / PI : 1;
-    double head[SLT_LIGHT_EDGES * SLT_TOLD] = {0}, *slope = head + SLT_LIGHT_SLOPES;
     light_gather(l);
     if (l->s->way != LIGHT_TRIANGLES && !l->lost) light_edges(l);
     const bool facets = light_wants_triangles(l);
     if (facets) s->segment.n = LINE_MESH, light_facets(l);
     if (!l->lost) light_look(l, facets);
+}
+
+/* ltc: NULL without a lobe. */
+static int32_t answer(Light *l, const Ltc *ltc, uint32_t lane) {
+    LightStore *s = l->store;
+    const double scale = ltc ? ltc->amplitude.v / PI : 1;
+    double head[SLT_LIGHT_EDGES * SLT_TOLD] = {0}, *slope = head + SLT_LIGHT_SLOPES;
+    if (!l->s->both || !light_recall(l, lane)) {
+        search(l);
+        if (l->s->both && !l->lost) light_keep(l, lane);
+    }
     LightSlopes slopes = {0};
+    if (!l->lost) light_shine(l);
     if (!l->lost) light_turn(l, &slopes);
     if (l->lost) return 0;
     head[SLT_LIGHT_VALUE] = scale * vec_dot(l->n, l->flux);
@@ -178,7 +191,7 @@ bool light_find(const LightScene *s, SltQuery what, const void *rays, uint64_t m
         case DARK: continue;
         case UNKNOWN: witness[k] = light_tell(&l, unknown, NULL, 0, 1); break;
         case SHINES:
-            if (l.store) light_prepare(&l), witness[k] = answer(&l, lobe ? &ltc : NULL);
+            if (l.store) light_prepare(&l), witness[k] = answer(&l, lobe ? &ltc : NULL, k);
             break;
         }
         all &= witness[k] != 0;

@@ -38,6 +38,7 @@ typedef struct LightScene {
     const BeamSearch *beam;
     const void *values; /* the vertices */
     LightWay way;
+    bool both; /* IRRADIANCE and LTC of one receiver: what one has found serves the other, until pieces_begin */
 } LightScene;
 
 /* rays: rows of a receiver and a light (saltus/mesh.h); what: SLT_QUERY_IRRADIANCE or SLT_QUERY_LTC. witness: the unit

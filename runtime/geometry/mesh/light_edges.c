@@ -93,7 +93,7 @@ static bool forget(Light *l) {
 
 /* light_facing of a leaf's triangles at once, the same operations; corners at places without a triangle are 0. */
 static void face_leaf(const Light *l, double at[3][3][BVH_LEAF], const int32_t triangle[BVH_LEAF]) {
-    double det[BVH_LEAF], square[BVH_LEAF];
+    double det[BVH_LEAF], square[BVH_LEAF], least[BVH_LEAF];
     for (int k = 0; k < BVH_LEAF; k++) {
         const double a[3] = {at[0][0][k] - l->p[0], at[0][1][k] - l->p[1], at[0][2][k] - l->p[2]};
         const double p[3] = {(at[1][0][k] - l->p[0]) - a[0], (at[1][1][k] - l->p[1]) - a[1],
@@ -104,8 +104,18 @@ static void face_leaf(const Light *l, double at[3][3][BVH_LEAF], const int32_t t
         vec_cross(p, q, normal);
         det[k] = vec_dot(a, normal), square[k] = vec_dot(normal, normal);
     }
-    for (int k = 0; k < BVH_LEAF; k++)
-        if (triangle[k] >= 0) note(l, triangle[k], facing_by(l, det[k], square[k]));
+    for (int k = 0; k < BVH_LEAF; k++) {
+        least[k] = HUGE_VAL;
+        for (int c = 0; c < 3 && l->through; c++) {
+            const double corner[3] = {at[c][0][k] - l->p[0], at[c][1][k] - l->p[1], at[c][2][k] - l->p[2]};
+            least[k] = light_min(least[k], vec_dot(l->row[2], corner));
+        }
+    }
+    for (int k = 0; k < BVH_LEAF; k++) {
+        if (triangle[k] < 0) continue;
+        const Facing f = facing_by(l, det[k], square[k]);
+        note(l, triangle[k], f == FACING_NOT || !l->through || least[k] < l->beyond ? f : FACING_BEYOND);
+    }
 }
 
 static void take_leaf(Light *l, const BeamPlane *plane, int32_t leaf) {
@@ -118,7 +128,7 @@ static void take_leaf(Light *l, const BeamPlane *plane, int32_t leaf) {
     const uint32_t in = l->lit && !moved ? l->s->beam->triangles(b, leaf, plane, l->nplanes, l->p) : ~0u;
     for (int i = 0; i < BVH_LEAF; i++)
         if (in >> i & 1 && triangle[i] >= 0 && !ROW_ADD(l->store->triangle, triangle[i])) l->lost = true;
-    if (l->through || l->lit || moved) return;
+    if (l->lit || moved) return;
     for (int c = 0; c < 3; c++)
         for (int a = 0; a < 3; a++)
             for (int i = 0; i < BVH_LEAF; i++) at[c][a][i] = f64 ? f64->at[c][a][i] : (double)f32->at[c][a][i];
@@ -326,9 +336,9 @@ bool light_hides_some(const Light *l, int32_t triangle) { return known(l, triang
 
 bool light_hides(const Light *l, int32_t triangle, double u, double v) {
     double at[3][3], d[3], normal[3], sum = 0;
-    light_corners(l, triangle, at);
-    const Facing facing = light_facing(l, triangle, at);
+    const Facing facing = known(l, triangle);
     if (facing < FACING_TO) return false;
+    light_corners(l, triangle, at);
     for (int i = 0; i < 3; i++) d[i] = l->c[i] + u * l->u[i] + v * l->v[i];
     for (int k = 0; k < 3; k++) {
         vec_cross(at[k], at[(k + 1) % 3], normal);

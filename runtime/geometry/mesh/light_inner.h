@@ -3,6 +3,7 @@
  * light.c         the query: light and receiver, the store, what is told
  * light_edges.c   triangles in the beam, the edges that may end a shadow
  * light_pieces.c  sub-windows, pieces, which are lit
+ * light_kept.c    what the other query of the same receiver has found
  * light_sum.c     what a piece adds, and its sides' J
  * light_turn.c    from J to derivatives
  * lit.c           the other query: p is a point light, the light a window on a piece's plane
@@ -73,6 +74,23 @@ typedef struct LightEdge {
     double d[2][3];
 } LightEdge;
 
+/* A lit piece, and list[from .. from + n - 1] of segments in its sub-window: of the row `near`. */
+typedef struct Shown {
+    Polygon p;
+    uint32_t from, n;
+} Shown;
+
+/* What was found for a receiver and a light. */
+enum { LIGHT_KEY = 15, LIGHT_SLOTS = 512 };
+typedef struct Kept {
+    const void *bvh, *values;
+    uint64_t begun; /* pieces_begun */
+    double key[LIGHT_KEY];
+    uint32_t nsegments, nshown, nnear;
+    unsigned char *data;
+    size_t room;
+} Kept;
+
 typedef struct LightStore {
     ROW(LightEdge) edge; /* what is told of vertices */
     ROW(int32_t) triangle;
@@ -81,7 +99,10 @@ typedef struct LightStore {
     ROW(uint32_t) list;
     ROW(Polygon) piece;
     ROW(bool) lit;
+    ROW(Shown) shown;
+    ROW(uint32_t) near;
     uint32_t *stamp, stamps, marked; /* of each face: what is known of it, by the queries so far */
+    Kept kept[LIGHT_SLOTS];
 } LightStore;
 
 /* The other query: p is a point light, the window lies on the plane of a piece's triangle around the piece. */
@@ -110,6 +131,7 @@ typedef struct Light {
     bool f64, lost;
     bool touches;                        /* p lies on a triangle in the beam, as far as rounding can tell */
     bool through;                        /* some of the mesh is on the light's plane or behind it */
+    double key[LIGHT_KEY];               /* rows SLT_LIGHT_P to SLT_LIGHT_V of the question */
     double p[3], n[3], c[3], u[3], v[3]; /* c, u, v: the light's v is u here, so that det(u, v, c) > 0 */
     double row[3][3];                    /* of [u v c]^-1 */
     double near, beyond;                 /* h_z from which on nothing hides */
@@ -144,7 +166,13 @@ bool light_hides(const Light *l, int32_t triangle, double u, double v);
 bool light_hides_some(const Light *l, int32_t triangle); /* it does, somewhere */
 
 /* light_pieces.c */
-void light_look(Light *l, bool facets);
+void light_look(Light *l, bool facets); /* the rows `shown` and `near` */
+void light_shine(Light *l);             /* adds what is shown, above the lobe's horizon */
+
+/* light_kept.c */
+/* Of the receiver in this lane: fills the rows of segments, of what is shown and `near`. False: it was not asked. */
+bool light_recall(Light *l, uint32_t lane);
+void light_keep(Light *l, uint32_t lane);
 
 /* light.c */
 LightStore *light_store(void); /* of the thread; NULL: out of memory */

@@ -10,14 +10,13 @@ static void add_corner(Polygon *p, double u, double v, uint32_t side) {
     p->u[p->n] = u, p->v[p->n] = v, p->side[p->n++] = side;
 }
 
-static Polygon rectangle(const Window *w) {
-    Polygon p = {0};
+static void rectangle(const Window *w, Polygon *p) {
+    p->n = 0;
     for (uint32_t k = 0; k < 4; k++) {
         const double u = k == 1 || k == 2 ? w->hi[0] : w->lo[0], v = k >= 2 ? w->hi[1] : w->lo[1];
         const bool border = k == 0 ? w->lo[1] == 0 : k == 1 ? w->hi[0] == 1 : k == 2 ? w->hi[1] == 1 : w->lo[0] == 0;
-        add_corner(&p, u, v, border ? k : LINE_FIXED);
+        add_corner(p, u, v, border ? k : LINE_FIXED);
     }
-    return p;
 }
 
 /* g at the corners, 0 where they are on the line; which signs there are. */
@@ -109,20 +108,27 @@ static void keep(Light *l, const Polygon *p) {
     else set(l, s->piece.n++, p);
 }
 
-/* The window as far as it is above the horizons; of a piece, as far as it is the piece. */
-static Polygon above(const Light *l, const Window *w) {
-    Polygon p = l->lit ? l->lit->polygon : rectangle(w), below;
+/* The window as far as it is above the receiver's horizon: that of the lobe clips what is lit, for both queries find
+ * the same. Of a piece, as far as it is the piece. */
+static void above(const Light *l, const Window *w, Polygon *p) {
+    Polygon below;
     if (l->lit) {
         const double line[4][3] = {{0, 1, -w->lo[1]}, {-1, 0, w->hi[0]}, {0, -1, w->hi[1]}, {1, 0, -w->lo[0]}};
-        for (int k = 0; k < 4; k++) split(&p, line[k], 1, LINE_FIXED, &below);
-        return p;
+        copy(p, &l->lit->polygon);
+        for (int k = 0; k < 4; k++) split(p, line[k], 1, LINE_FIXED, &below);
+        return;
     }
-    split(&p, l->clip[0], 1, LINE_HORIZON, &below);
-    if (l->lobe) split(&p, l->clip[1], 1, LINE_FIXED, &below);
-    return p;
+    rectangle(w, p);
+    split(p, l->clip[0], 1, LINE_HORIZON, &below);
 }
 
 /* ---- silhouettes */
+
+/* Is the box of the piece wholly, and by more than rounding, on one side of the line? */
+static bool keeps_clear(const double g[3], const Polygon *p) {
+    const double wide = 0.5 * (p->high[0] - p->low[0]), high = 0.5 * (p->high[1] - p->low[1]);
+    return fabs(light_at(g, p->low[0] + wide, p->low[1] + high)) > fabs(g[0]) * wide + fabs(g[1]) * high + 1e-9;
+}
 
 /* Cuts piece number `which` if the segment runs through it. A side that it lies on becomes its. */
 static void cut(Light *l, uint32_t which, uint32_t line) {
@@ -132,6 +138,7 @@ static void cut(Light *l, uint32_t which, uint32_t line) {
     bool plus, minus;
     for (int i = 0; i < 2; i++)
         if (s->high[i] < p->low[i] - LIGHT_ON_LINE || s->low[i] > p->high[i] + LIGHT_ON_LINE) return;
+    if (keeps_clear(s->g, p)) return;
     sides_of(p, s->g, 1, d, &plus, &minus);
     for (uint32_t k = 0; k < p->n; k++) {
         const uint32_t next = k + 1 < p->n ? k + 1 : 0;
@@ -287,16 +294,36 @@ static void finish(Light *l, uint32_t from, uint32_t to, const Polygon *whole, b
             if (!ROW_ADD(store->list, f->line + e)) l->lost = true;
     }
     if (facets) from = to, to = store->list.n;
-    for (uint32_t i = 0; i < store->piece.n; i++)
-        if (store->piece.data[i].n >= 3 && (facets || store->lit.data[i]))
-            light_add(l, &store->piece.data[i], store->list.data + from, to - from);
+    const uint32_t near = store->near.n;
+    for (uint32_t k = from; k < to; k++)
+        if (!ROW_ADD(store->near, store->list.data[k])) l->lost = true;
+    for (uint32_t i = 0; i < store->piece.n && !l->lost; i++) {
+        if (store->piece.data[i].n < 3 || !(facets || store->lit.data[i])) continue;
+        if (!row_room(&store->shown.data, store->shown.n, &store->shown.room, sizeof *store->shown.data)) {
+            l->lost = true;
+            return;
+        }
+        Shown *s = &store->shown.data[store->shown.n++];
+        copy(&s->p, &store->piece.data[i]);
+        s->from = near, s->n = to - from;
+    }
+}
+
+void light_shine(Light *l) {
+    LightStore *store = l->store;
+    for (uint32_t i = 0; i < store->shown.n; i++) {
+        Shown *s = &store->shown.data[i];
+        Polygon below;
+        if (l->lobe) split(&s->p, l->clip[1], 1, LINE_FIXED, &below);
+        if (s->p.n >= 3) light_add(l, &s->p, store->near.data + s->from, s->n);
+    }
 }
 
 static void look(Light *l, uint32_t from, uint32_t to, const Window *w, int halvings, bool facets) {
     LightStore *store = l->store;
     const uint32_t kept = store->list.n;
-    const Polygon whole = above(l, w);
-    Polygon in;
+    Polygon whole, in;
+    above(l, w, &whole);
     if (whole.n < 3) return;
     for (uint32_t k = from; k < to; k++) {
         const uint32_t i = store->list.data[k];
@@ -328,7 +355,7 @@ static void look(Light *l, uint32_t from, uint32_t to, const Window *w, int halv
 void light_look(Light *l, bool facets) {
     LightStore *store = l->store;
     const uint32_t n = facets ? store->facet.n : store->segment.n;
-    store->list.n = 0;
+    store->list.n = store->shown.n = store->near.n = 0;
     for (uint32_t i = facets ? 0 : l->nborder; i < n; i++)
         if (!ROW_ADD(store->list, i)) l->lost = true;
     if (!l->lost) look(l, 0, store->list.n, &(Window){{0, 0}, {1, 1}}, 0, facets);

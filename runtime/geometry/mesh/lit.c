@@ -225,6 +225,7 @@ static int32_t answer(Light *l) {
     const bool facets = light_wants_triangles(l);
     if (facets) s->segment.n = l->nborder, light_facets(l);
     if (!l->lost) light_look(l, facets);
+    if (!l->lost) light_shine(l);
     LitSlopes slopes = {0};
     if (!l->lost) lit_turn(l, &slopes);
     if (l->lost) return 0;

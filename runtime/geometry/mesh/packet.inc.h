@@ -142,12 +142,15 @@ INLINE void meet_packet(const BvhScene *s, int32_t leaf, const Packet *p, Rays *
                 uint32_t here = may >> h & 255;
                 if (!here) continue;
                 Flt8 xs[3], ys[3], zs[3], t;
+                D8 before;
                 for (int c = 0; c < 3; c++)
                     xs[c] = ((Parts){x[c]}).part[h / 8], ys[c] = ((Parts){y[c]}).part[h / 8],
                     zs[c] = ((Parts){z[c]}).part[h / 8];
-                here &= inside(xs, ys, zs, ((Parts){low}).part[h / 8], ((Parts){high}).part[h / 8], &t);
-                for (; here; here &= here - 1)
-                    take(r, k + h + (uint32_t)__builtin_ctz(here), t[__builtin_ctz(here)], l->triangle[i]);
+                here &= inside(xs, ys, zs, ((Parts){low}).part[h / 8], ((Parts){high}).part[h / 8], &t, &before);
+                for (; here; here &= here - 1) {
+                    const uint32_t ray = (uint32_t)__builtin_ctz(here);
+                    take(r, k + h + ray, t[ray], before[ray], l->triangle[i]);
+                }
             }
         }
     }

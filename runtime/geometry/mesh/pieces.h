@@ -34,6 +34,7 @@ bool pieces_find(const PieceScene *s, const void *rays, uint64_t mask, uint32_t 
 
 /* ---- the thread's store (told.c) */
 void pieces_begin(void);       /* empties it */
+uint64_t pieces_begun(void);   /* how often, in this thread */
 const void *pieces_told(void); /* SltToldFn */
 /* Adds a unit, the first `whole` numbers integers; its number, 0 where there is no memory. */
 uint32_t pieces_tell(bool f64, const double number[SLT_TOLD], uint32_t whole);

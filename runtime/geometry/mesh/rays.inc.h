@@ -66,6 +66,7 @@ enum { GROUP = sizeof(Group) / sizeof(flt) };
 
 typedef struct Rays {
     flt o[3][RAYS], d[3][RAYS], t0[RAYS], t[RAYS]; /* t: of the first hit so far */
+    double wide[RAYS];                             /* the same before it was rounded */
     flt sx[RAYS], sy[RAYS], sz[RAYS], scale[RAYS];
     float near[3][RAYS], far[3][RAYS], inverse[3][RAYS]; /* a box is entered at (its nearer side - near) * inverse */
     float begin[RAYS], end[RAYS];                        /* t0 and t there, outwards */
@@ -163,7 +164,7 @@ INLINE F8 of_wide(D8 v) { return narrow_D8(v); }
 INLINE Flt8 all(flt v) { return (Flt8){v, v, v, v, v, v, v, v}; }
 
 /* Which of eight pairs of a ray and a triangle meet, and where: x, y across the ray, z the t of corners. */
-INLINE uint32_t inside(const Flt8 x[3], const Flt8 y[3], const Flt8 z[3], Flt8 low, Flt8 high, Flt8 *t) {
+INLINE uint32_t inside(const Flt8 x[3], const Flt8 y[3], const Flt8 z[3], Flt8 low, Flt8 high, Flt8 *t, D8 *before) {
     D8 e[3], sum = {0}, at = {0};
     uint32_t plus = 0, minus = 0;
     for (int c = 0; c < 3; c++) {
@@ -172,14 +173,19 @@ INLINE uint32_t inside(const Flt8 x[3], const Flt8 y[3], const Flt8 z[3], Flt8 l
         plus |= less((D8){0}, e[c]), minus |= less(e[c], (D8){0});
         sum += e[c], at += e[c] * wide(z[c]);
     }
-    *t = lower(high, higher(low, of_wide(at / sum)));
+    *before = at / sum;
+    *t = lower(high, higher(low, of_wide(*before)));
     return plus ^ minus;
 }
 
-/* Ray k has been found to meet a triangle at t. */
-INLINE void take(Rays *r, uint32_t k, flt t, int32_t triangle) {
-    if (t < r->t0[k] || !(t < r->t[k] || (t == r->t[k] && (r->triangle[k] < 0 || triangle < r->triangle[k])))) return;
-    r->t[k] = t, r->triangle[k] = triangle;
+/* Ray k has been found to meet a triangle at t. Beside an edge at which a surface turns away, the back is as near as
+ * single precision tells; double precision of the same corners tells them apart. */
+INLINE void take(Rays *r, uint32_t k, flt t, double before, int32_t triangle) {
+    if (t < r->t0[k] || t > r->t[k]) return;
+    const bool nearer = t < r->t[k] || r->triangle[k] < 0 || before < r->wide[k] ||
+                        (!(before > r->wide[k]) && triangle < r->triangle[k]);
+    if (!nearer) return;
+    r->t[k] = t, r->wide[k] = before, r->triangle[k] = triangle;
     r->end[k] = outwards_of(t * r->scale[k]);
 }
 
@@ -203,8 +209,12 @@ INLINE void meet_leaf(const Leaf *l, Rays *r, uint32_t k) {
     uint32_t may = ~(plus & minus) & upto(low, all(r->t[k])) & upto(all(r->t0[k]), high);
     if (!may) return;
     Flt8 t;
-    may &= inside(x, y, z, low, high, &t);
-    for (; may; may &= may - 1) take(r, k, t[__builtin_ctz(may)], l->triangle[__builtin_ctz(may)]);
+    D8 before;
+    may &= inside(x, y, z, low, high, &t, &before);
+    for (; may; may &= may - 1) {
+        const uint32_t i = (uint32_t)__builtin_ctz(may);
+        take(r, k, t[i], before[i], l->triangle[i]);
+    }
 }
 
 /* The same triangles where vertices are not those of the tree. */

@@ -18,6 +18,7 @@ enum { MOST = 1 << 24 }; /* of a row */
 #define CONTINUES 1e-6 /* of a window's side: an edge whose end is nearer to a line lies on it */
 
 static _Thread_local Store *own;
+static _Thread_local uint64_t begun;
 static pthread_key_t key;
 static pthread_once_t once = PTHREAD_ONCE_INIT;
 
@@ -74,8 +75,11 @@ Store *told_store(void) {
 }
 
 void pieces_begin(void) {
+    begun++;
     if (own) empty(own);
 }
+
+uint64_t pieces_begun(void) { return begun; }
 
 const void *pieces_told(void) {
     static const Unit nothing[2];

@@ -53,6 +53,9 @@ static const BeamSearch *beams(TrimeshIsa isa) {
 
 /* ---- queries */
 
+static const uint32_t receivers = 1u << SLT_QUERY_IRRADIANCE | 1u << SLT_QUERY_LTC;
+static const uint32_t lighting = 1u << SLT_QUERY_IRRADIANCE | 1u << SLT_QUERY_LTC | 1u << SLT_QUERY_LIT;
+
 static BvhScene scene_of(const SltGeometry *g, const void *values) {
     const Trimesh *m = g->made;
     bool moved = g != &m->base.shared; /* a copy for finite differences */
@@ -83,10 +86,10 @@ static void begin(const SltGeometry *g, const void *values, const void *rays, ui
     for (uint32_t k = 0; k < width; k++) witness[k] = 0;
 }
 
-/* A call is padded with copies of a sample, and a window may be that of all of them. Corners first: they differ. */
-static bool same_beam(const void *rays, bool f64, uint32_t width, uint32_t a, uint32_t b) {
-    for (size_t k = 0; k < SLT_BEAM_ROWS; k++) {
-        const size_t row = (k + SLT_BEAM_CORNER) % SLT_BEAM_ROWS * width;
+/* Do two lanes ask the same? rows: of a question; `first` is where questions differ. */
+static bool same(const void *rays, bool f64, uint32_t width, uint32_t rows, uint32_t first, uint32_t a, uint32_t b) {
+    for (size_t k = 0; k < rows; k++) {
+        const size_t row = (k + first) % rows * width;
         uint64_t wide[2];
         uint32_t narrow[2];
         if (f64) {
@@ -102,6 +105,26 @@ static bool same_beam(const void *rays, bool f64, uint32_t width, uint32_t a, ui
     return true;
 }
 
+/* A call is padded with copies of a sample, and what is asked may be the same for all of them. Lanes of `mask` whose
+ * question is not that of the lane before; like: where it is, the lane that asks it. */
+static uint64_t asking(const void *rays, bool f64, uint64_t mask, uint32_t width, uint32_t rows, uint32_t first,
+                       uint32_t like[64]) {
+    uint64_t own = mask;
+    uint32_t last = 0;
+    for (uint32_t k = 0; k < width; k++) {
+        if (!(mask >> k & 1)) continue;
+        bool again = own >> last & 1 && last < k && same(rays, f64, width, rows, first, last, k);
+        if (again) own &= ~((uint64_t)1 << k);
+        else last = k;
+        like[k] = last;
+    }
+    return own;
+}
+
+static void answer_alike(uint64_t lanes, const uint32_t like[64], int32_t *witness) {
+    for (; lanes; lanes &= lanes - 1) witness[__builtin_ctzll(lanes)] = witness[like[__builtin_ctzll(lanes)]];
+}
+
 static void find(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width, bool sides,
                  int32_t *witness) {
     const Trimesh *m = g->made;
@@ -110,18 +133,10 @@ static void find(const SltGeometry *g, const void *values, const void *rays, uin
                           .adjacency = sides ? &m->adjacency : NULL,
                           .outlined = m->from.queries >> SLT_QUERY_LIT & 1,
                           .facets = m->facets};
-    uint64_t own = mask;
-    uint32_t like[64], last = 0;
-    for (uint32_t k = 0; k < width; k++) {
-        if (!(mask >> k & 1)) continue;
-        bool again = own >> last & 1 && last < k && same_beam(rays, m->from.f64, width, last, k);
-        if (again) own &= ~((uint64_t)1 << k);
-        else last = k;
-        like[k] = last;
-    }
+    uint32_t like[64];
+    const uint64_t own = asking(rays, m->from.f64, mask, width, SLT_BEAM_ROWS, SLT_BEAM_CORNER, like);
     if (!pieces_find(&s, rays, own, width, witness)) atomic_store(m->lost, true);
-    for (uint32_t k = 0; k < width; k++)
-        if ((mask & ~own) >> k & 1) witness[k] = witness[like[k]];
+    answer_alike(mask & ~own, like, witness);
 }
 
 static WalkMesh walk_mesh(const Trimesh *m, const void *values) {
@@ -154,14 +169,19 @@ static LightScene light_scene(const SltGeometry *g, const void *values) {
                         .adjacency = &m->adjacency,
                         .search = m->rays->by[m->from.f64],
                         .beam = m->beam,
-                        .values = values};
+                        .values = values,
+                        .both = (m->from.queries & receivers) == receivers};
 }
 
 static void light(const SltGeometry *g, SltQuery what, const void *values, const void *rays, uint64_t mask,
                   uint32_t width, int32_t *witness) {
     const Trimesh *m = g->made;
     const LightScene s = light_scene(g, values);
-    if (!light_find(&s, what, rays, mask, width, witness)) atomic_store(m->lost, true);
+    uint32_t like[64];
+    const uint32_t rows = what == SLT_QUERY_LTC ? SLT_LOBE_ROWS : SLT_LIGHT_ROWS;
+    const uint64_t own = asking(rays, m->from.f64, mask, width, rows, SLT_LIGHT_P, like);
+    if (!light_find(&s, what, rays, own, width, witness)) atomic_store(m->lost, true);
+    answer_alike(mask & ~own, like, witness);
 }
 
 static void irradiance(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
@@ -191,7 +211,6 @@ static void blocked(const SltGeometry *g, const void *values, const void *rays, 
 
 /* ---- the seam */
 
-static const uint32_t lighting = 1u << SLT_QUERY_IRRADIANCE | 1u << SLT_QUERY_LTC | 1u << SLT_QUERY_LIT;
 static const uint32_t searching = 1u << SLT_QUERY_TRACE | 1u << SLT_QUERY_OCCLUDED | 1u << SLT_QUERY_PIECES |
                                   1u << SLT_QUERY_SEEN | 1u << SLT_QUERY_BLOCKED | lighting;
 

@@ -17,6 +17,7 @@ enum {
     MOST_FLAT = 16        /* faces without area that are passed at one edge */
 };
 #define FLAT 1e-28      /* of such a face the square of the sine between its sides */
+#define PARALLEL 1e-3   /* the sine between faces, below which they may lie on each other */
 /* The sine of the angle below which a face is seen edge-on. */
 #define EDGE_ON(f) ((f)->mesh->f64 ? 0x1p-40 : 0x1p-20)
 /* Of equal t up to rounding, in parts of the greater: which face a ray meets was decided in the mesh's precision. */
@@ -235,9 +236,18 @@ static Outcome walk(const Family *f, Place *at, double until, int edges, Line *l
     return LOST;
 }
 
-/* Where the walk arrives, but the ray there meets something else, or nothing: rounding has parted them, at the edge of
- * the face that is nearest. */
+static bool is_near(const Family *f, double t, double u) {
+    return fabs(t - u) <= SAME_DEPTH(f) * fmax(fabs(t), fabs(u));
+}
+
+/* Where the walk arrives, but the ray there meets something else, or nothing: rounding has parted them, at the end of
+ * the ray, or at the edge of the face that is nearest. */
 static Outcome nearest(const Family *f, Place *at, int edges, Line *line) {
+    const double t = t_at(f, at->face, at->s), t0 = end_at(f->t0, at->s), t1 = end_at(f->t1, at->s);
+    if (is_near(f, t, t0) || is_near(f, t, t1)) {
+        *line = is_near(f, t, t0) ? (Line){at->face, at->face} : (Line){at->face, ~at->face};
+        return PARTED;
+    }
     double p[3][3], c[3], along[3], least = INFINITY;
     int near = 0;
     corners(f, at->face, p);
@@ -252,14 +262,15 @@ static Outcome nearest(const Family *f, Place *at, int edges, Line *line) {
 
 static bool same_depth(const Family *f, int32_t a, int32_t b, double s) {
     if (a == b) return true;
-    double t = t_at(f, a, s), u = t_at(f, b, s);
-    return fabs(t - u) <= SAME_DEPTH(f) * fmax(fabs(t), fabs(u));
+    return is_near(f, t_at(f, a, s), t_at(f, b, s));
 }
 
 static bool in_front(const Family *f, int32_t a, int32_t b, double s) {
     double t = t_at(f, a, s), u = t_at(f, b, s);
     return t < u - SAME_DEPTH(f) * fmax(fabs(t), fabs(u));
 }
+
+static Line crossing_line(int32_t a, int32_t b) { return a < b ? (Line){a, ~b} : (Line){b, ~a}; }
 
 /* Two surfaces from one s on, a in front of b, until b is in front: the faces that cross. */
 static Outcome find_crossing(const Family *f, Place a, Place b, double until, Line *line) {
@@ -268,7 +279,7 @@ static Outcome find_crossing(const Family *f, Place a, Place b, double until, Li
         Line unused;
         double sa = leaves(f, &a, &ka), sb = leaves(f, &b, &kb), s = fmin(fmin(sa, sb), until);
         if (in_front(f, b.face, a.face, s)) {
-            *line = a.face < b.face ? (Line){a.face, ~b.face} : (Line){b.face, ~a.face};
+            *line = crossing_line(a.face, b.face);
             return PARTED;
         }
         if (s >= until) return LOST;
@@ -276,6 +287,22 @@ static Outcome find_crossing(const Family *f, Place a, Place b, double until, Li
         if (pass(f, sa <= sb ? &a : &b, sa <= sb ? ka : kb, false, &unused) != GOES_ON) return LOST;
     }
     return LOST;
+}
+
+/* Two faces that one ray meets at the same depth: neighbours, or one lies on the other; else they cross there. */
+static bool meet(const Family *f, int32_t a, int32_t b) {
+    double p[3][3], u[3], v[3], n[2][3], c[3];
+    const int32_t face[2] = {a, b};
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 3; k++)
+            if (corner(f, a, i) == corner(f, b, k)) return true;
+    for (int i = 0; i < 2; i++) {
+        corners(f, face[i], p);
+        minus(p[1], p[0], u), minus(p[2], p[0], v);
+        cross(u, v, n[i]);
+    }
+    cross(n[0], n[1], c);
+    return dot(c, c) <= PARALLEL * PARALLEL * dot(n[0], n[0]) * dot(n[1], n[1]);
 }
 
 /* f: from the ray that meets face a to the one that meets face b, back: from that one; -1: nothing. */
@@ -287,13 +314,17 @@ static Outcome between(const Family *f, const Family *back, int32_t a, int32_t b
     }
     Outcome from_a = walk(f, &pa, 1, edges, line);
     if (from_a == LOST) return LOST;
-    if (from_a == ARRIVED && same_depth(f, pa.face, b, 1))
+    if (from_a == ARRIVED && same_depth(f, pa.face, b, 1)) {
+        if (pa.face != b && !meet(f, pa.face, b)) return *line = crossing_line(pa.face, b), PARTED;
         return edges == SLT_EDGES_ALL ? nearest(f, &pa, edges, line) : ARRIVED;
+    }
     double end = pa.s; /* up to here goes the surface of a, from `begin` on that of b */
     Line of_b;
     Outcome from_b = walk(back, &pb, 1 - end, edges, &of_b);
     if (from_a == PARTED && (from_b != ARRIVED || !in_front(f, pb.face, pa.face, end))) return PARTED;
     if (from_b == ARRIVED) from_b = walk(back, &pb, 1, edges, &of_b);
+    if (from_b == ARRIVED && same_depth(f, a, pb.face, 0) && a != pb.face && !meet(f, a, pb.face))
+        return *line = crossing_line(a, pb.face), PARTED;
     if (from_b == LOST || (from_b == ARRIVED && same_depth(f, a, pb.face, 0))) return from_b;
     double begin = from_b == ARRIVED ? 0 : 1 - pb.s;
     pa = (Place){.face = a, .over = -1};
