@@ -161,10 +161,9 @@ static bool goes_over_pieces(const Pieces *p, const Inst *loop) {
 
 /* Does the loop go on as long as there is a piece? The bound of its iterations is never met. */
 static bool ends_with_pieces(const Pieces *p, const Inst *loop) {
-    enum { LEAST_BOUND = 4096 };
     const Inst *exit = loop->region[0]->last->args[0], *k = loop->region[0]->params[0];
     if (at(p, exit).kind == FOUND) return true;
-    if (exit->op != OP_band || loop->imm.loop.max_iters < LEAST_BOUND) return false;
+    if (exit->op != OP_band || !loop->imm.loop.told) return false;
     for (uint32_t a = 0; a < 2; a++)
         if (at(p, exit->args[a]).kind == FOUND && exit->args[1 - a]->op == OP_ilt && exit->args[1 - a]->args[0] == k)
             return true;

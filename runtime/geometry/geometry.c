@@ -35,6 +35,10 @@ SltGeometry geometry_moved(const SltGeometry *g, const void *from, const void *t
 
 bool geometry_lost(const SltGeometry *g) { return ops(g)->lost && ops(g)->lost(g); }
 
+void geometry_hold(const SltGeometry *g, bool on) {
+    if (ops(g)->hold) ops(g)->hold(on);
+}
+
 uint64_t geometry_unmet(const SltGeometry *g) { return ops(g)->unmet ? ops(g)->unmet(g) : 0; }
 
 size_t geometry_bytes(const SltGeometry *g) { return ops(g)->bytes(g); }

@@ -46,6 +46,10 @@ uint64_t geometry_follow(SltGeometry *g, const void *values);
  * finite differences. The copy owns nothing and lives no longer than g. */
 SltGeometry geometry_moved(const SltGeometry *g, const void *from, const void *to);
 
+/* From now on what this thread's windows see of any geometry is kept, and whoever asks the same again need not wait;
+ * off: forgotten. No numbers may change in between. */
+void geometry_hold(const SltGeometry *g, bool on);
+
 /* Have queries since the last call left out what there was no memory for? They cannot fail. */
 bool geometry_lost(const SltGeometry *g);
 /* Of how many parts are the numbers not such that a query can meet them? */
@@ -65,6 +69,7 @@ typedef struct GeometryOps {
                      const void *to);        /* what a copy for `to` adds to slack, >= 0 */
     bool (*lost)(const SltGeometry *g);      /* NULL: never */
     uint64_t (*unmet)(const SltGeometry *g); /* NULL: none */
+    void (*hold)(bool on);                   /* NULL: nothing is worth it */
     size_t (*bytes)(const SltGeometry *g);
     const char *(*describe)(const SltGeometry *g);
 } GeometryOps;

@@ -179,9 +179,10 @@ static float *noise_of(const float *const adjoint[2], uint64_t n) {
 
 enum { OF_POINTS = 8 /* samples for each point of chance.c, which is asked four times */ };
 
-/* least: what an adjoint is off at least for a jump of 1, or NULL. */
+/* least: what an adjoint is off at least for a jump of 1, or NULL. loss: likewise; or what makes the adjoint. */
 static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const adjoint[2], const float *least,
-                         double *gradient, double *stderr_bound, SltStats *stats, SltError *err) {
+                         const PixelLoss *loss, double *gradient, double *stderr_bound, SltStats *stats,
+                         SltError *err) {
     bool halves = adjoint[0] != adjoint[1];
     Run r;
     uint32_t classes = stderr_bound && !is_told(s, j) ? COSETS : 1;
@@ -217,7 +218,7 @@ static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const 
         PartsOf parts_of = {.spread = halves ? 0 : classes, .pairs = halves ? classes : 0};
         double *targets[2 * COSETS];
         for (uint32_t c = 0; c < 2 * COSETS; c++) targets[c] = part[parts && halves ? 0 : c % classes];
-        st = interior_reverse(&r, adjoint, classes, targets, parts, parts ? parts_of : (PartsOf){0});
+        st = interior_reverse(&r, adjoint, classes, targets, parts, parts ? parts_of : (PartsOf){0}, loss);
         if (st == SLT_OK && parts && parts->whole && !parts_settle(parts, &parts_of, targets))
             st = status_fail(err, SLT_LIMIT, "out of memory");
     }
@@ -284,7 +285,7 @@ static SltStatus weighted(const SltScene *s, const SltJob *j, const float *const
     j = settle(s, j, &own, stats);
     if (j->estimator == SLT_EST_QUADRATURE && adjoint[0] == adjoint[1])
         return quadrature_reverse(s, j, adjoint[0], gradient, stderr_bound, stats, err);
-    return reverse(s, j, adjoint, least, gradient, stderr_bound, stats, err);
+    return reverse(s, j, adjoint, least, NULL, gradient, stderr_bound, stats, err);
 }
 
 SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *const adjoint[2], double *gradient,
@@ -303,6 +304,7 @@ SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *tar
     SltStatus st = need_image(j, "a loss", err);
     if (st != SLT_OK) return st;
     SltJob own;
+    const bool told = is_told(s, j);
     j = settle(s, j, &own, stats);
     if (j->estimator == SLT_EST_QUADRATURE && j->interior != SLT_INTERIOR_SAMPLES && gradient && !stderr_bound &&
         j->filter == SLT_FILTER_BOX && !j->max_evaluations)
@@ -311,16 +313,25 @@ SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *tar
      * the same sample, and the loss is biased by the variance of the image. */
     bool exact = j->centred || (j->estimator == SLT_EST_QUADRATURE && j->interior != SLT_INTERIOR_SAMPLES),
          halves = j->spp > 1 && !exact;
+    /* Tile by tile, each looked at once: what geometries have found for the value serves the derivative. */
+    const bool once = told && gradient && !j->no_interior && s->ngeometries && s->kernel[SLT_K_VJP] && !prune_can(s) &&
+                      !slt_estimate_by_differences(j->estimator);
     uint64_t pixels = 1;
     for (uint32_t d = 0; d < s->dim; d++) pixels *= j->size[d];
     uint64_t n = pixels * s->channels;
-    float *half[2] = {malloc(n * sizeof(float)), halves ? malloc(n * sizeof(float)) : NULL};
+    float *half[2] = {malloc(n * sizeof(float)), halves || once ? malloc(n * sizeof(float)) : NULL};
     float *least = halves && gradient && stderr_bound ? malloc(n * sizeof *least) : NULL;
-    if (!half[0] || (halves && !half[1]) || (halves && gradient && stderr_bound && !least)) {
+    if (!half[0] || ((halves || once) && !half[1]) || (halves && gradient && stderr_bound && !least)) {
         free(half[0]), free(half[1]), free(least);
         return status_fail(err, SLT_LIMIT, "out of memory");
     }
-    st = slt_estimate_render(s, j, halves ? 1 : 0, half[0], stats, err);
+    if (once) {
+        const PixelLoss of = {.target = target, .mask = mask, .image = half[0], .adjoint = half[1]};
+        const float *adjoint[2] = {half[1], half[1]};
+        st = reverse(s, j, adjoint, NULL, &of, gradient, stderr_bound, stats, err);
+    } else {
+        st = slt_estimate_render(s, j, halves ? 1 : 0, half[0], stats, err);
+    }
     if (st == SLT_OK && halves) st = slt_estimate_render(s, j, 2, half[1], stats, err);
     if (st == SLT_OK) {
         double sum = 0, row = 0;
@@ -331,15 +342,15 @@ SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *tar
             row += m * a * b;
             if (i % 4096 == 4095) sum += row, row = 0;
             /* Each half is weighed with the other's residual. */
-            half[0][i] = (float)(2 * m * b / (double)n);
-            if (halves) half[1][i] = (float)(2 * m * a / (double)n);
+            half[0][i] = pixel_loss_adjoint(b, m, (double)n);
+            if (halves) half[1][i] = pixel_loss_adjoint(a, m, (double)n);
             /* Halves may agree, and half a sample of a jump is lost all the same. */
             if (least) least[i] = (float)(m / (double)n / j->spp);
         }
         if (loss) *loss = (sum + row) / (double)n;
     }
     const float *adjoint[2] = {half[0], halves ? half[1] : half[0]};
-    if (st == SLT_OK && gradient) {
+    if (st == SLT_OK && gradient && !once) {
         SltStats seen = stats ? *stats : (SltStats){0};
         st = weighted(s, j, adjoint, least, gradient, stderr_bound, stats, err);
         if (stats) stats->truncated = seen.truncated, stats->asserts = seen.asserts; /* the same samples again */

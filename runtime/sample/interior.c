@@ -6,10 +6,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "runtime/geometry/geometry.h"
 #include "runtime/sample/boundary.h"
 #include "runtime/sample/interior.h"
 
-enum { INTEGRAL_TILE = 8192 };
+enum { INTEGRAL_TILE = 8192, COLUMN = 8 /* pixels across */ };
 
 static uint32_t half_count(const SltJob *j, uint32_t half) {
     uint32_t spp = j->spp && !j->centred ? j->spp : 1;
@@ -23,12 +24,22 @@ static uint32_t tile_side(const Run *r, uint32_t side2) {
     return r->grid.dim == 1 ? side2 * side2 : r->grid.dim == 2 ? side2 : side2 / 4;
 }
 
+/* Samples of one call lie in a block rather than in a row where a geometry tells of windows: what they see together is
+ * looked for once. */
+static bool in_columns(const Run *r) {
+    if (r->grid.dim != 2 || prune_can(r->s)) return false;
+    for (uint32_t g = 0; g < r->s->ngeometries; g++)
+        if (r->s->geometries[g]->told) return true;
+    return false;
+}
+
 static void plan(Interior *p, Run *r, uint32_t half, uint32_t side) {
     const Grid *g = &r->grid;
+    const uint32_t column = in_columns(r) ? side / COLUMN : 1;
     p->run = r, p->half = half, p->count = half_count(r->j, half);
     p->ntiles = 1;
     for (uint32_t d = 0; d < 3; d++) {
-        p->tile[d] = d >= g->dim ? 1 : side;
+        p->tile[d] = d >= g->dim ? 1 : d == 0 ? side / column : side * column;
         p->tiles[d] = (g->n[d] + p->tile[d] - 1) / p->tile[d];
         p->ntiles *= p->tiles[d];
     }
@@ -321,11 +332,42 @@ static void reverse_samples(const Interior *p, Worker *w, const TileRect *t, dou
     }
 }
 
+static void hold(const SltScene *s, bool on) {
+    for (uint32_t g = 0; g < s->ngeometries; g++) geometry_hold(s->geometries[g], on);
+}
+
+/* The image of a tile, and what the loss weighs it with. */
+static bool value_and_adjoint(const Interior *p, Worker *w, const TileRect *t) {
+    const PixelLoss *loss = p->loss;
+    const Grid *g = &p->run->grid;
+    const uint32_t channels = p->run->s->channels;
+    const double numbers = (double)g->pixels * channels;
+    Interior own = {.run = p->run, .count = p->count, .image = loss->image, .classes = 1};
+    if (!value_samples(&own, w, SLT_K_VALUE, t, 1)) return false;
+    for (uint32_t row = 0; row < t->n[1] * t->n[2]; row++) {
+        const uint64_t at = image_index(p, t, row * t->n[0]) * channels;
+        for (uint64_t i = at; i < at + (uint64_t)t->n[0] * channels; i++)
+            loss->adjoint[i] = pixel_loss_adjoint((double)loss->image[i] - (double)loss->target[i],
+                                                  loss->mask ? (double)loss->mask[i] : 1, numbers);
+    }
+    return true;
+}
+
 static bool reverse_work(void *user, uint32_t worker, uint64_t tile) {
     Interior *p = user;
     Worker *w = &p->run->worker[worker];
     TileRect t = rect_of(p, tile);
     select_cull(p, w, &t);
+    if (p->loss) {
+        hold(p->run->s, true);
+        const bool fine = value_and_adjoint(p, w, &t);
+        w->batch.again = true;
+        if (fine) reverse_samples(p, w, &t, 1, 0);
+        w->batch.again = false;
+        hold(p->run->s, false);
+        accum_close(&w->acc);
+        return fine && !w->acc.failed;
+    }
     if (!p->halves[1]) reverse_samples(p, w, &t, 1, 0);
     for (uint32_t h = 0; h < 2 && p->halves[1]; h++) {
         Interior own = *p;
@@ -345,9 +387,10 @@ static void reverse_merge(void *user, uint32_t worker, uint64_t tile) {
 }
 
 SltStatus interior_reverse(Run *r, const float *const adjoint[2], uint32_t classes, double *const *targets,
-                           Parts *parts, PartsOf of) {
+                           Parts *parts, PartsOf of, const PixelLoss *loss) {
     if (!r->s->kernel[SLT_K_VJP]) return SLT_OK;
-    Interior p = {.adjoint = adjoint[0], .classes = classes, .targets = targets, .parts = parts, .parts_of = of};
+    Interior p = {
+        .adjoint = adjoint[0], .loss = loss, .classes = classes, .targets = targets, .parts = parts, .parts_of = of};
     if (adjoint[0] != adjoint[1]) p.halves[0] = adjoint[0], p.halves[1] = adjoint[1];
     plan(&p, r, 0, tile_side(r, r->s->nfloats > 1u << 14 && !r->s->ncull ? 64 : 32));
     SltStatus st = run_workers(r, p.ntiles, of.pairs ? 2 * of.pairs : classes, SINK_KEEP);

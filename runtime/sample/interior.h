@@ -6,6 +6,16 @@
 #include "runtime/sample/run.h"
 #include "runtime/sample/tails.h"
 
+/* A loss that is a sum over pixels: what its derivative weighs a pixel with hangs on that pixel alone. */
+typedef struct PixelLoss {
+    const float *target, *mask; /* mask: NULL: 1 everywhere */
+    float *image, *adjoint;     /* filled, tile by tile */
+} PixelLoss;
+/* The adjoint of a mean square. */
+static inline float pixel_loss_adjoint(double residual, double mask, double numbers) {
+    return (float)(2 * mask * residual / numbers);
+}
+
 typedef struct Interior {
     Run *run;
     uint32_t half;              /* 0: all samples; 1 or 2: one half of them */
@@ -17,6 +27,7 @@ typedef struct Interior {
     /* interior_reverse */
     const float *adjoint;   /* an image */
     const float *halves[2]; /* those of the halves, where they have their own; else NULL */
+    const PixelLoss *loss;  /* NULL: the adjoint is known */
     uint32_t classes;       /* 1, or COSETS */
     double *const *targets; /* sums [nfloats], by class; of pairs by half in each class */
     Parts *parts;           /* how they spread by tile; may be NULL */
@@ -28,9 +39,10 @@ typedef struct Interior {
 /* half 0: all samples of a pixel; 1 or 2: one of the two halves. */
 SltStatus interior_image(Run *r, uint32_t half, float *image);
 /* Of both halves of the samples, each with its adjoint, where there are two; else of all. With parts by pairs each
- * half has targets of its own, and classes are sets of pixels. */
+ * half has targets of its own, and classes are sets of pixels. loss: NULL, or what makes the adjoint, which is its
+ * own, on the way. */
 SltStatus interior_reverse(Run *r, const float *const adjoint[2], uint32_t classes, double *const *targets,
-                           Parts *parts, PartsOf of);
+                           Parts *parts, PartsOf of, const PixelLoss *loss);
 SltStatus interior_forward(Run *r, const Directions *d, float *const *out);
 /* The integral over the domain by one replicate of so many samples: value[channels]; gradient[channels][nfloats] when
  * not NULL, whose samples join `tails` when that is not NULL. */

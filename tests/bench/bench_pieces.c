@@ -13,7 +13,7 @@
 #include "runtime/mesh/mesh.h"
 #include "saltus/mesh.h"
 
-enum { LANES = 32, ROUNDS = 5 };
+enum { LANES = 32, ACROSS = 8 /* pixels of a call, as of a kernel's */, ROUNDS = 5 };
 
 typedef struct Model {
     uint32_t nvertices, nfaces;
@@ -139,7 +139,8 @@ static void set_rows(const View *view, SltQuery what, uint32_t x, uint32_t y, ui
     const double n = view->size, middle = what == SLT_QUERY_TRACE ? 0.5 : 0;
     for (uint32_t k = 0; k < lanes; k++)
         for (uint32_t a = 0; a < 3; a++) {
-            const double at = view->corner[a] + (x + k + middle) / n * view->u[a] + (y + middle) / n * view->v[a];
+            const double at = view->corner[a] + (x + k % ACROSS + middle) / n * view->u[a] +
+                              (y + k / ACROSS + middle) / n * view->v[a];
             row[a * lanes + k] = (float)view->eye[a];
             row[(3 + a) * lanes + k] = (float)(what == SLT_QUERY_TRACE ? at - view->eye[a] : at);
             if (what == SLT_QUERY_TRACE) continue;
@@ -148,15 +149,16 @@ static void set_rows(const View *view, SltQuery what, uint32_t x, uint32_t y, ui
     for (uint32_t k = 0; k < lanes && what == SLT_QUERY_TRACE; k++) row[6 * lanes + k] = 0, row[7 * lanes + k] = 1e30f;
 }
 
-/* A line of pixels at a time: what it looks through is not timed. */
+/* Some lines of pixels at a time: what they look through is not timed. The size is 1 or can be divided by 32. */
 static Count ask(const SltGeometry *g, const Model *m, const View *view, SltQuery what) {
     Count best = {.seconds = HUGE_VAL};
-    const uint32_t lanes = view->size < LANES ? view->size : LANES, calls = view->size / lanes;
+    const uint32_t lanes = view->size < LANES ? 1 : LANES, across = lanes < ACROSS ? lanes : ACROSS,
+                   calls = view->size / across;
     float(*row)[SLT_BEAM_ROWS * LANES] = or_die(malloc(calls * sizeof *row));
     for (int round = 0; round < ROUNDS; round++) {
         Count now_ = {0};
-        for (uint32_t y = 0; y < view->size; y++) {
-            for (uint32_t i = 0; i < calls; i++) set_rows(view, what, i * lanes, y, lanes, row[i]);
+        for (uint32_t y = 0; y < view->size; y += lanes / across) {
+            for (uint32_t i = 0; i < calls; i++) set_rows(view, what, i * across, y, lanes, row[i]);
             const double start = now();
             for (uint32_t i = 0; i < calls; i++) {
                 int32_t witness[LANES];

@@ -86,13 +86,13 @@ def distance(a, b):
 
 
 # ---- the spheres, of 1280 faces each
-def sphere(centre, radius):
+def sphere(centre, radius, levels=3):
     g = (1 + math.sqrt(5)) / 2
     points = [(a, b * g, 0) for a in (-1, 1) for b in (-1, 1)] + [(0, a, b * g) for a in (-1, 1) for b in (-1, 1)] + [(b * g, 0, a) for a in (-1, 1) for b in (-1, 1)]
     points = [tuple(v / math.hypot(*p) for v in p) for p in points]
     near = lambda i, j: distance(points[i], points[j]) < 1.1
     faces = [(i, j, k) for i in range(12) for j in range(i) for k in range(j) if near(i, j) and near(j, k) and near(i, k)]
-    for _ in range(3):
+    for _ in range(levels):
         middle, finer = {}, []
         for f in faces:
             for e in ((f[0], f[1]), (f[1], f[2]), (f[2], f[0])):

@@ -174,6 +174,36 @@ class Pieces(Case):
                 j = self.json_cli("grad", "s.salt", "--adjoint", "one.pfm", "--size", str(n), "--precision", precision)
                 self.assertAlmostEqual(j["gradient"]["size"], 0.75, delta=close, msg=(n, precision))
 
+    def test_once_for_value_and_derivative(self):
+        """What the value of a loss has seen serves its derivative: more windows than are kept, two meshes, pixels without a residual."""
+        self.put("a.obj", CROSSING)
+        self.put("b.obj", NEAR)
+        self.put("l.salt", """import mesh;
+            param mesh m = "a.obj";
+            param mesh other = "b.obj";
+            shader float main(float2 x) {
+                float sum = 0.0;
+                for (int i = 0; i < 12; i++) {
+                    Beam b = pixel_beam(float3(0.05 * float(i), 0.0, 2.0), float3(-1.0, -1.0, 0.0), float3(2.0, 0.0, 0.0), float3(0.0, 2.0, 0.0));
+                    for (Piece q = m.first(b); q.found; q = m.next(q)) sum += q.area * (1.0 + q.centre.x);
+                    for (Piece q = other.first(b); q.found; q = other.next(q)) sum += 0.5 * q.area * q.p.x;
+                }
+                return sum;
+            }""")
+        n = 40
+        self.run_cli("render", "l.salt", "--size", str(n), "-o", "image.pfm")
+        _, image = read_pfm(self.get("image.pfm"))
+        target = [v if i % 3 == 0 else 0.1 for i, v in enumerate(image)]
+        self.put("target.pfm", write_pfm(n, n, 1, target))
+        self.put("adjoint.pfm", write_pfm(n, n, 1, [2 * (a - b) / (n * n) for a, b in zip(image, target)]))
+        loss = self.json_cli("grad", "l.salt", "--target", "target.pfm", "--size", str(n))
+        weighed = self.json_cli("grad", "l.salt", "--adjoint", "adjoint.pfm", "--size", str(n))
+        self.assertAlmostEqual(loss["loss"], sum((a - b) ** 2 for a, b in zip(image, target)) / (n * n), delta=1e-6 * loss["loss"])
+        for name in "m", "other":
+            for a, b in zip(loss["gradient"][name], weighed["gradient"][name]):
+                for x, y in zip(a, b):
+                    self.assertAlmostEqual(x, y, delta=1e-6 * abs(y) + 1e-8, msg=name)
+
 
 if __name__ == "__main__":
     unittest.main()

@@ -176,6 +176,42 @@ static void test_reference(void **state) {
     }
 }
 
+/* Two wavy sheets, one behind the other or through it, through small windows: one sheet across a window, a border of
+ * it, the corners of faces; mirrored too. */
+static void sheets(Scene *s, uint64_t *state) {
+    enum { SIDE = 5 };
+    const double apart = scene_uniform(state) < 0.3 ? 0.1 : 1, size = scene_uniform(state) < 0.5 ? 0.1 : 0.7;
+    *s = (Scene){0};
+    for (int32_t layer = 0; layer < 2; layer++) {
+        const int32_t first = (int32_t)s->nvertices;
+        for (int i = 0; i <= SIDE; i++)
+            for (int j = 0; j <= SIDE; j++)
+                scene_vertex(s, 2.0 * i / SIDE - 1 + 0.2 * scene_uniform(state),
+                             2.0 * j / SIDE - 1 + 0.2 * scene_uniform(state),
+                             0.3 * scene_uniform(state) - apart * layer);
+        for (int32_t i = 0; i < SIDE; i++)
+            for (int32_t j = 0; j < SIDE; j++) {
+                const int32_t a = first + i * (SIDE + 1) + j, b = a + SIDE + 1;
+                scene_face(s, a, layer ? a + 1 : b, b + 1); /* the other way round behind */
+                scene_face(s, a, b + 1, layer ? b : a + 1);
+            }
+    }
+    const double mirrored = scene_uniform(state) < 0.3 ? -size : size, x = 1.8 * scene_uniform(state) - 0.9,
+                 y = 1.8 * scene_uniform(state) - 0.9;
+    set_window(s, (const double[]){scene_uniform(state), -scene_uniform(state), 4}, (const double[]){x, y, 0.2},
+               (const double[]){mirrored, 0.1 * size, 0.05}, (const double[]){-0.2 * size, size, 0});
+}
+
+static void test_sheets(void **state) {
+    (void)state;
+    uint64_t seed = 11;
+    static Scene s;
+    for (uint32_t round = 0; round < 60; round++) {
+        sheets(&s, &seed);
+        assert_reference(&s, true, 1e-11);
+    }
+}
+
 static void test_any_order(void **state) {
     (void)state;
     uint64_t seed = 3;
@@ -229,7 +265,9 @@ static void test_same_bits(void **state) {
     static Seen plain, now;
     for (uint32_t round = 0; round < 400; round++) {
         s = (Scene){0};
-        if (round % 8) {
+        if (round % 8 > 4) {
+            sheets(&s, &seed);
+        } else if (round % 8) {
             degenerate(&s, &seed);
         } else {
             scene_soup(&s, 1 + round / 4, round % 16 ? 1.5 : 0.4, &seed);
@@ -326,9 +364,14 @@ static void test_no_memory(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_fills_the_window), cmocka_unit_test(test_reference),
-                                       cmocka_unit_test(test_any_order),        cmocka_unit_test(test_degenerate),
-                                       cmocka_unit_test(test_same_bits),        cmocka_unit_test(test_many),
-                                       cmocka_unit_test(test_nothing),          cmocka_unit_test(test_no_memory)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_fills_the_window),
+                                       cmocka_unit_test(test_reference),
+                                       cmocka_unit_test(test_sheets),
+                                       cmocka_unit_test(test_any_order),
+                                       cmocka_unit_test(test_degenerate),
+                                       cmocka_unit_test(test_same_bits),
+                                       cmocka_unit_test(test_many),
+                                       cmocka_unit_test(test_nothing),
+                                       cmocka_unit_test(test_no_memory)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -171,8 +171,6 @@ static void set_rectangle(Polygon *p, const Rectangle *r) {
 
 /* ---- what does not cross */
 
-#define COVERED 1e-12 /* of a rectangle may be left of it that counts as covered */
-
 static double area_of(const Polygon *p) {
     double twice = 0;
     for (uint32_t k = 1; k + 1 < p->n; k++)

@@ -27,7 +27,7 @@ INLINE uint32_t boxes_in(const BvhNode *n, const Plane plane[4], const double ey
     return bits_D8(in);
 }
 
-static void list_triangles(Search *s, const Plane plane[4], const double eye[3]) {
+static void list_leaves(Search *s, const Plane plane[4], const double eye[3]) {
     const BvhScene *scene = &s->scene->tree;
     const Bvh *b = scene->bvh;
     int32_t stack[BVH_STACK];
@@ -43,23 +43,29 @@ static void list_triangles(Search *s, const Plane plane[4], const double eye[3])
                 if (child) stack[depth++] = child;
                 continue;
             }
-            const int32_t *triangle =
-                b->f64 ? ((const BvhLeaf64 *)b->leaf)[~child].triangle : ((const BvhLeaf32 *)b->leaf)[~child].triangle;
-            if (!window_room(store, &store->list.data, store->list.n, &store->list.room, BVH_LEAF,
-                             sizeof *store->list.data))
-                return;
-            for (int i = 0; i < BVH_LEAF; i++)
-                if (triangle[i] >= 0) store->list.data[store->list.n++] = triangle[i];
+            if (!PUSH(store, store->list, ~child)) return;
         }
     }
 }
 
-INLINE void corners_of(const Search *s, const double eye[3], const int32_t *triangle, uint32_t n, D8 p[3][3]) {
+/* Corners of a leaf's triangles from the eye. The leaf has them, but those of vertices that have been moved; where it
+ * has no triangle, any. */
+INLINE void corners_of(const Search *s, const double eye[3], uint32_t leaf, const int32_t *triangle, D8 p[3][3]) {
+    const Bvh *b = s->scene->tree.bvh;
     double at[3][3][8];
+    if (!s->scene->tree.moved) {
+        for (int k = 0; k < 3; k++)
+            for (int a = 0; a < 3; a++)
+                p[k][a] =
+                    (s->f64
+                         ? *(const Wide *)((const BvhLeaf64 *)b->leaf)[leaf].at[k][a]
+                         : __builtin_convertvector(*(const Narrow *)((const BvhLeaf32 *)b->leaf)[leaf].at[k][a], D8)) -
+                    eye[a];
+        return;
+    }
     for (uint32_t i = 0; i < 8; i++)
         for (int k = 0; k < 3; k++) {
-            const int32_t *corner = s->scene->tree.bvh->face + 3 * (size_t)triangle[i < n ? i : 0];
-            const size_t from = 3 * (size_t)corner[k];
+            const size_t from = 3 * (size_t)b->face[3 * (size_t)(triangle[i] < 0 ? 0 : triangle[i]) + (size_t)k];
             for (size_t a = 0; a < 3; a++)
                 at[k][a][i] = (s->f64 ? ((const double *)s->scene->values)[from + a]
                                       : (double)((const float *)s->scene->values)[from + a]) -
@@ -71,13 +77,13 @@ INLINE void corners_of(const Search *s, const double eye[3], const int32_t *tria
 /* What eight triangles are, before those that are not in the rectangle are left out. */
 typedef struct Columns {
     double normal[3][3][8], depth[3][8], lo[2][8], hi[2][8];
-    double along[2][4][8]; /* normals and depth times u and v of the window */
+    double along[2][4][8];  /* normals and depth times u and v of the window */
+    double spread[2][4][8]; /* Near.spread */
 } Columns;
 
-static void make_columns(const Search *s, const Window *w, const Rectangle *r, const int32_t *triangle, uint32_t n,
-                         Columns *out, uint32_t *in, uint32_t *turned) {
-    D8 p[3][3], sum[3], det, size;
-    corners_of(s, w->eye, triangle, n, p);
+INLINE void make_columns(const Window *w, const Rectangle *r, const D8 p[3][3], Columns *out, uint32_t *in,
+                         uint32_t *turned) {
+    D8 sum[3], det, size;
     D8 lo[2] = {(D8){0} + HUGE_VAL, (D8){0} + HUGE_VAL}, hi[2] = {-lo[0], -lo[1]};
     L8 ahead = ~(L8){0}, outside = {0};
     for (int k = 0; k < 3; k++) {
@@ -100,7 +106,7 @@ static void make_columns(const Search *s, const Window *w, const Rectangle *r, c
         hi[i] = (D8)((ahead & (L8)hi[i]) | (~ahead & (L8)((D8){0} + HUGE_VAL)));
     }
     outside &= ahead;
-    *in = ~bits_D8(outside) & ((1u << n) - 1);
+    *in &= ~bits_D8(outside);
     if (!*in) return;
     D8 normal[3][3];
     for (int k = 0; k < 3; k++) {
@@ -122,21 +128,29 @@ static void make_columns(const Search *s, const Window *w, const Rectangle *r, c
             *(Wide *)out->normal[k][a] = normal[k][a] = (D8)((L8)normal[k][a] ^ (back & INT64_MIN));
     }
     for (int k = 0; k < 4; k++) {
-        D8 at;
-        dot8(k < 3 ? normal[k] : sum, w->u, &at);
-        *(Wide *)out->along[0][k] = at;
-        dot8(k < 3 ? normal[k] : sum, w->v, &at);
-        *(Wide *)out->along[1][k] = at;
+        D8 at[3], least = {0}, most = {0};
+        dot8(k < 3 ? normal[k] : sum, w->u, &at[0]);
+        dot8(k < 3 ? normal[k] : sum, w->v, &at[1]);
+        at[2] = at[0] + at[1];
+        for (int q = 0; q < 3; q++) keep_min(&least, &at[q]), keep_max(&most, &at[q]);
+        *(Wide *)out->along[0][k] = at[0], *(Wide *)out->along[1][k] = at[1];
+        *(Wide *)out->spread[0][k] = least, *(Wide *)out->spread[1][k] = most;
     }
     for (int i = 0; i < 2; i++) *(Wide *)out->lo[i] = lo[i], *(Wide *)out->hi[i] = hi[i];
 }
 
-/* Appends those of eight triangles that lie in the rectangle. */
-static void add_eight(Search *s, const Window *w, const Rectangle *r, const int32_t *triangle, uint32_t n) {
+/* Appends those of a leaf's triangles that lie in the rectangle. */
+static void add_leaf(Search *s, const Window *w, const Rectangle *r, uint32_t leaf) {
+    const Bvh *b = s->scene->tree.bvh;
+    const int32_t *triangle =
+        s->f64 ? ((const BvhLeaf64 *)b->leaf)[leaf].triangle : ((const BvhLeaf32 *)b->leaf)[leaf].triangle;
     Columns c;
-    uint32_t in, turned;
+    uint32_t in = 0, turned;
     Store *store = s->store;
-    make_columns(s, w, r, triangle, n, &c, &in, &turned);
+    D8 p[3][3];
+    for (uint32_t i = 0; i < BVH_LEAF; i++) in |= (uint32_t)(triangle[i] >= 0) << i;
+    corners_of(s, w->eye, leaf, triangle, p);
+    make_columns(w, r, (const D8(*)[3])p, &c, &in, &turned);
     if (!in || !window_room(store, &store->near.data, store->near.n, &store->near.room, 8, sizeof *store->near.data))
         return;
     for (; in; in &= in - 1) {
@@ -148,7 +162,7 @@ static void add_eight(Search *s, const Window *w, const Rectangle *r, const int3
         }
         for (int a = 0; a < 2; a++) {
             to->lo[a] = c.lo[a][i], to->hi[a] = c.hi[a][i];
-            for (int k = 0; k < 4; k++) to->along[a][k] = c.along[a][k][i];
+            for (int k = 0; k < 4; k++) to->along[a][k] = c.along[a][k][i], to->spread[a][k] = c.spread[a][k][i];
         }
         to->triangle = triangle[i], to->turned = turned >> i & 1;
     }
@@ -168,31 +182,20 @@ static void list(Search *s, const Window *w, const Rectangle *r) {
     }
     Store *store = s->store;
     store->near.n = 0;
-    list_triangles(s, plane, w->eye);
-    for (uint32_t i = 0; i < store->list.n; i += 8)
-        add_eight(s, w, r, store->list.data + i, store->list.n - i < 8 ? store->list.n - i : 8);
-}
-
-/* What a linear function of the direction is at the corners of windows with equal u and v, less what it is at the
- * first: the least and the most. Adding rounds alike whichever of them is added, so this is the least of the sums. */
-INLINE void spread_of(double s, double t, double spread[2]) {
-    const double at[4] = {0, s, t, s + t};
-    spread[0] = spread[1] = 0;
-    for (int q = 1; q < 4; q++) {
-        spread[0] = at[q] < spread[0] ? at[q] : spread[0];
-        spread[1] = at[q] > spread[1] ? at[q] : spread[1];
-    }
+    list_leaves(s, plane, w->eye);
+    for (uint32_t i = 0; i < store->list.n; i++) add_leaf(s, w, r, (uint32_t)store->list.data[i]);
 }
 
 /* Of d . n at the corners of the windows of eight lanes. */
-INLINE void range_of(const double n[3], const Beams *b, uint32_t k, bool alike, const double spread[2], D8 *least,
-                     D8 *most) {
+INLINE void range_of(const double n[3], const Beams *b, uint32_t k, bool alike, double below, double above, D8 *first,
+                     D8 *least, D8 *most) {
     D8 row[3], c, s, t;
     for (int a = 0; a < 3; a++) row[a] = *(const Wide *)&b->row[SLT_BEAM_CORNER + a][k];
     dot8(row, n, &c);
+    *first = c;
     *least = *most = c;
     if (alike) {
-        *least = c + spread[0], *most = c + spread[1];
+        *least = c + below, *most = c + above;
         return;
     }
     for (int a = 0; a < 3; a++) row[a] = *(const Wide *)&b->row[SLT_BEAM_U + a][k];
@@ -205,34 +208,40 @@ INLINE void range_of(const double n[3], const Beams *b, uint32_t k, bool alike, 
 
 /* Appends what the windows of eight lanes may see of a triangle, in no order. */
 INLINE void meet_lanes(Store *store, const Beams *b, const Places *lie, uint32_t number, uint32_t k, uint32_t on,
-                       bool alike, const double spread[4][2], D8 *hidden) {
+                       bool alike, D8 *hidden) {
     typedef struct {
         double at[8];
     } Row;
     const Near *t = &store->near.data[number];
-    L8 in = (*(const Wide *)&lie->lo[0][k] <= t->hi[0]) & (*(const Wide *)&lie->hi[0][k] >= t->lo[0]) &
-            (*(const Wide *)&lie->lo[1][k] <= t->hi[1]) & (*(const Wide *)&lie->hi[1][k] >= t->lo[1]);
-    if (!(bits_D8(in) & on)) return;
-    L8 fills = in;
-    D8 least, most;
-    for (int e = 0; e < 3; e++) {
-        range_of(t->normal[e], b, k, alike, spread[e], &least, &most);
-        in &= most > 0, fills &= least > 0;
-    }
-    range_of(t->depth, b, k, alike, spread[3], &least, &most);
-    in &= (most >= *hidden) & (least >= -DBL_MAX) & (most <= DBL_MAX);
-    uint32_t some = bits_D8(in) & on;
+    const D8 zero = {0};
+    uint32_t some = on & upto(*(const Wide *)&lie->lo[0][k], all_D8(t->hi[0])) &
+                    upto(all_D8(t->lo[0]), *(const Wide *)&lie->hi[0][k]) &
+                    upto(*(const Wide *)&lie->lo[1][k], all_D8(t->hi[1])) &
+                    upto(all_D8(t->lo[1]), *(const Wide *)&lie->hi[1][k]);
     if (!some) return;
-    fills &= in;
-    const uint32_t filling = bits_D8(fills);
-    D8 nearest = (D8)((fills & (L8)least) | (~fills & (L8)*hidden));
+    uint32_t filling = some;
+    D8 least, most, first[4];
+    for (int e = 0; e < 3; e++) {
+        range_of(t->normal[e], b, k, alike, t->spread[0][e], t->spread[1][e], &first[e], &least, &most);
+        some &= less(zero, most), filling &= less(zero, least);
+    }
+    range_of(t->depth, b, k, alike, t->spread[0][3], t->spread[1][3], &first[3], &least, &most);
+    some &= upto(*hidden, most) & upto(all_D8(-DBL_MAX), least) & upto(most, all_D8(DBL_MAX));
+    if (!some) return;
+    filling &= some;
+    D8 nearest = chosen(filling, least, *hidden);
     keep_max(hidden, &nearest);
-    Row low, high;
-    memcpy(&low, &least, sizeof low), memcpy(&high, &most, sizeof high);
+    Row low, high, c[3];
+    memcpy(&low, &least, sizeof low), memcpy(&high, &most, sizeof high), memcpy(c, first, sizeof c);
     for (; some; some &= some - 1) {
         const uint32_t i = (uint32_t)__builtin_ctz(some);
-        store->found.data[store->found.n++] =
-            (Candidate){low.at[i], high.at[i], t->triangle, number, (uint8_t)(k + i), filling >> i & 1};
+        store->found.data[store->found.n++] = (Candidate){.least = low.at[i],
+                                                          .most = high.at[i],
+                                                          .c = {c[0].at[i], c[1].at[i], c[2].at[i]},
+                                                          .triangle = t->triangle,
+                                                          .near = number,
+                                                          .lane = (uint8_t)(k + i),
+                                                          .fills = filling >> i & 1};
     }
 }
 
@@ -240,35 +249,35 @@ static void survey(Search *s, const Beams *b, const Places *lie, Neighbours *gro
     Store *store = s->store;
     D8 hidden[LANES / 8];
     double nearest[LANES];
-    uint32_t *first = group->first, count[LANES] = {0};
-    for (int k = 0; k < LANES / 8; k++) hidden[k] = (D8){0} - HUGE_VAL;
-    store->found.n = store->candidate.n = 0;
-    memset(first, 0, sizeof group->first);
+    uint32_t *first = group->first, count[LANES];
+    const uint32_t end = group->last + 1;
+    const uint64_t who = b->mask & LOW_BITS(end) & ~0ull << group->base;
+    for (uint32_t k = group->base / 8; k <= group->last / 8; k++) hidden[k] = all_D8(-HUGE_VAL);
+    for (uint32_t k = group->base; k < end; k++) first[k] = count[k] = 0;
+    store->found.n = store->candidate.n = first[end] = 0;
+    if (!store->near.n) return;
     for (uint32_t i = 0; i < store->near.n; i++) {
-        const Near *t = &store->near.data[i];
-        double spread[4][2] = {{0}};
-        for (int e = 0; e < 4 && group->alike; e++) spread_of(t->along[0][e], t->along[1][e], spread[e]);
         if (!window_room(store, &store->found.data, store->found.n, &store->found.room, LANES,
                          sizeof *store->found.data))
             return;
         for (uint32_t k = group->base / 8 * 8; k <= group->last; k += 8) {
-            const uint32_t on = (uint32_t)(b->mask >> k) & 255;
-            if (on) meet_lanes(store, b, lie, i, k, on, group->alike, (const double(*)[2])spread, &hidden[k / 8]);
+            const uint32_t on = (uint32_t)(who >> k) & 255;
+            if (on) meet_lanes(store, b, lie, i, k, on, group->alike, &hidden[k / 8]);
         }
     }
     if (!window_room(store, &store->candidate.data, 0, &store->candidate.room, store->found.n,
                      sizeof *store->candidate.data))
         return;
-    memcpy(nearest, hidden, sizeof nearest);
+    for (uint32_t k = group->base / 8; k <= group->last / 8; k++) memcpy(&nearest[8 * k], &hidden[k], sizeof hidden[k]);
     /* By lane, less what is hidden. */
     for (uint32_t i = 0; i < store->found.n; i++) {
         const Candidate *c = &store->found.data[i];
         count[c->lane] += !(c->most < nearest[c->lane]);
     }
-    for (uint32_t k = 0; k < LANES; k++) first[k + 1] = first[k] + count[k], count[k] = first[k];
+    for (uint32_t k = group->base; k < end; k++) first[k + 1] = first[k] + count[k], count[k] = first[k];
     for (uint32_t i = 0; i < store->found.n; i++) {
         const Candidate *c = &store->found.data[i];
         if (!(c->most < nearest[c->lane])) store->candidate.data[count[c->lane]++] = *c;
     }
-    store->candidate.n = first[LANES];
+    store->candidate.n = first[end];
 }

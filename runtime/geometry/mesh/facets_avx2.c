@@ -12,8 +12,14 @@
 #include "cover.inc.h"
 #include "facets.inc.h"
 #include "beam.inc.h"
+#include "sheet.inc.h"
 
-const FacetSearch facets_avx2 = {
-    .read = read, .place = place, .list = list, .survey = survey, .cover = cover_all, .split = split};
+const FacetSearch facets_avx2 = {.read = read,
+                                 .place = place,
+                                 .list = list,
+                                 .survey = survey,
+                                 .sheets = measure_sheets,
+                                 .cover = cover_all,
+                                 .split = split};
 const BeamSearch beam_avx2 = {.boxes = beam_boxes, .triangles = beam_triangles};
 #endif

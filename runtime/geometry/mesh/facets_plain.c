@@ -11,7 +11,13 @@
 #include "cover.inc.h"
 #include "facets.inc.h"
 #include "beam.inc.h"
+#include "sheet.inc.h"
 
-const FacetSearch facets_plain = {
-    .read = read, .place = place, .list = list, .survey = survey, .cover = cover_all, .split = split};
+const FacetSearch facets_plain = {.read = read,
+                                  .place = place,
+                                  .list = list,
+                                  .survey = survey,
+                                  .sheets = measure_sheets,
+                                  .cover = cover_all,
+                                  .split = split};
 const BeamSearch beam_plain = {.boxes = beam_boxes, .triangles = beam_triangles};

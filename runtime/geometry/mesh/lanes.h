@@ -130,14 +130,19 @@ LANES_IN_PARTS(D8, L8, 8)
 #endif
 
 INLINE F8 all_F8(float v) { return (F8){v, v, v, v, v, v, v, v}; }
+INLINE D8 all_D8(double v) { return (D8){v, v, v, v, v, v, v, v}; }
 INLINE F8 chosen_F8(uint64_t m, F8 a, F8 b) {
     const I8 bit = {1, 2, 4, 8, 16, 32, 64, 128}, on = ((bit & (int32_t)m) != 0);
     return (F8)((on & (I8)a) | (~on & (I8)b));
 }
+#if defined(__AVX512F__)
+INLINE D8 chosen_D8(uint64_t m, D8 a, D8 b) { return (D8)_mm512_mask_mov_pd((__m512d)b, (__mmask8)m, (__m512d)a); }
+#else
 INLINE D8 chosen_D8(uint64_t m, D8 a, D8 b) {
     const L8 bit = {1, 2, 4, 8, 16, 32, 64, 128}, on = ((bit & (int64_t)m) != 0);
     return (D8)((on & (L8)a) | (~on & (L8)b));
 }
+#endif
 INLINE float least_of_F8(F8 a) {
     a = lower_F8(a, __builtin_shufflevector(a, a, 4, 5, 6, 7, 0, 1, 2, 3));
     a = lower_F8(a, __builtin_shufflevector(a, a, 2, 3, 0, 1, 6, 7, 4, 5));

@@ -33,8 +33,9 @@ typedef struct OutlineAnswer {
 /* A piece in the rows of the store. */
 typedef struct OutlineRow {
     uint32_t unit, beam, corner, ncorners, part, nparts;
-    uint32_t answer; /* 1 + the number of the last; 0: none */
+    uint32_t answer; /* 1 + the number of the last, 0: none; of this kernel alone (pieces_begun) */
     int32_t triangle;
+    uint64_t begun;
 } OutlineRow;
 
 typedef struct Outline {

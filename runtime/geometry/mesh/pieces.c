@@ -48,16 +48,12 @@ static int nearest_first(const void *x, const void *y) {
     return (a->triangle > b->triangle) - (a->triangle < b->triangle);
 }
 
-static void sort(Candidate *c, uint32_t n) {
-    if (n > FEW_FACETS) {
-        qsort(c, n, sizeof *c, nearest_first);
-        return;
-    }
-    for (uint32_t i = 1; i < n; i++) {
-        const Candidate one = c[i];
+/* Numbers of a few candidates, nearest first. */
+static void order_few(const Candidate *c, uint32_t n, uint8_t order[FEW_FACETS]) {
+    for (uint32_t i = 0; i < n; i++) {
         uint32_t k = i;
-        for (; k > 0 && nearest_first(&c[k - 1], &one) > 0; k--) c[k] = c[k - 1];
-        c[k] = one;
+        for (; k > 0 && nearest_first(&c[order[k - 1]], &c[i]) > 0; k--) order[k] = order[k - 1];
+        order[k] = (uint8_t)i;
     }
 }
 
@@ -157,11 +153,20 @@ static void look_through(Search *s, Candidate *c, uint32_t n) {
         told_whole(s, c->triangle);
         return;
     }
+    if (n <= FEW_FACETS) {
+        uint8_t order[FEW_FACETS];
+        order_few(c, n, order);
+        if (n >= 2 && !s->scene->outlined && told_sheet(s, c, n, order)) return;
+        Candidate *sorted = store->found.data; /* nobody needs these any more, of which c are some */
+        for (uint32_t i = 0; i < n; i++) sorted[i] = c[order[i]];
+        c = sorted;
+    } else {
+        qsort(c, n, sizeof *c, nearest_first);
+    }
     store->facet.n = store->chosen.n = 0;
     if (!window_room(store, &store->facet.data, 0, &store->facet.room, n, sizeof *store->facet.data) ||
         !window_room(store, &store->chosen.data, 0, &store->chosen.room, n, sizeof *store->chosen.data))
         return;
-    sort(c, n);
     s->candidate = c;
     for (uint32_t i = 0; i < n; i++) store->chosen.data[store->chosen.n++] = i;
     if (n > FEW_FACETS || s->scene->adjacency) window_planes(&s->window);
@@ -199,7 +204,6 @@ bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint3
     Places lie;
     Rectangle all;
     Neighbours group;
-    for (uint32_t k = 0; k < width; k++) witness[k] = 0;
     if (!s.store || !s.store->n) return false;
     s.store->lost = false;
     scene->facets->read(&beams, s.f64, rays, mask, width);
@@ -215,12 +219,13 @@ bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint3
         neighbours(&beams, base, width, &lie, &all, &group);
         scene->facets->list(&s, &window, &all);
         scene->facets->survey(&s, &beams, &lie, &group);
+        if (!scene->outlined) scene->facets->sheets(&s, &beams, &group);
         s.alike = group.alike;
         for (uint32_t k = base; k <= group.last; k++) {
+            if (!(beams.mask >> k & 1)) continue;
             const uint32_t n = group.first[k + 1] - group.first[k];
             s.first = s.last = 0;
-            if (n && beams.mask >> k & 1 && window_set(&s.window, &beams, k))
-                look_through(&s, s.store->candidate.data + group.first[k], n);
+            if (n && window_set(&s.window, &beams, k)) look_through(&s, s.store->candidate.data + group.first[k], n);
             witness[k] = (int32_t)s.first;
         }
         beams.mask &= group.last == LANES - 1 ? 0 : ~0ull << (group.last + 1);

@@ -28,16 +28,28 @@ typedef struct PieceScene {
     const struct FacetSearch *facets;
 } PieceScene;
 
-/* The pieces seen through a window, rays: rows of SltBeamRow; witness: the unit of the first, or 0. False: out of
- * memory, some are missing. */
+/* The pieces seen through a window, rays: rows of SltBeamRow; witness: the unit of the first, or left as it is where
+ * nothing is seen. False: out of memory, some are missing. */
 bool pieces_find(const PieceScene *s, const void *rays, uint64_t mask, uint32_t width, int32_t *witness);
 
 /* ---- the thread's store (told.c) */
-void pieces_begin(void);       /* empties it */
-uint64_t pieces_begun(void);   /* how often, in this thread */
+void pieces_begin(void);       /* empties it, less what is held */
+uint64_t pieces_begun(void);   /* how often that was, in this thread */
 const void *pieces_told(void); /* SltToldFn */
 /* Adds a unit, the first `whole` numbers integers; its number, 0 where there is no memory. */
 uint32_t pieces_tell(bool f64, const double number[SLT_TOLD], uint32_t whole);
+
+/* ---- what windows have seen, kept for whoever looks through them again (held.c) */
+typedef struct Held Held;
+void pieces_hold(bool on); /* GeometryOps.hold */
+Held *pieces_held(void);   /* NULL: nothing is kept now */
+void held_set(Held *h, bool on);
+uint32_t held_begin(Held *h, uint32_t units); /* how many of so many units stay when the store is emptied */
+/* The lanes whose window `of` was asked about before; their witnesses. */
+uint64_t held_find(const Held *h, const void *of, const void *rays, bool f64, uint64_t mask, uint32_t width,
+                   int32_t *witness);
+void held_add(Held *h, const void *of, const void *rays, bool f64, uint64_t mask, uint32_t width,
+              const int32_t *witness);
 
 /* For each instruction set, the same bits from all. */
 extern const struct FacetSearch facets_plain, facets_avx2, facets_avx512;

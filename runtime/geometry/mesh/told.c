@@ -25,8 +25,8 @@ static pthread_once_t once = PTHREAD_ONCE_INIT;
 static void release(void *p) {
     Store *s = p;
     free(s->unit), free(s->list.data), free(s->near.data), free(s->found.data), free(s->candidate.data);
-    free(s->facet.data);
-    free(s->chosen.data), free(s->crossing.data), free(s->piece.data), free(s->live.data);
+    free(s->parts.data), free(s->facet.data);
+    free(s->chosen.data), free(s->crossing.data), free(s->piece.data), free(s->live.data), free(s->held.all);
     free(s->beam.data), free(s->outline.data), free(s->corner.data), free(s->part.data);
     free(s->answer.data), free(s);
 }
@@ -74,9 +74,33 @@ Store *told_store(void) {
     return own;
 }
 
+/* Outlines stay of the pieces that do. */
+static void outlines_begin(Store *s) {
+    while (s->outline.n && s->outline.data[s->outline.n - 1].unit >= s->n) {
+        const OutlineRow *last = &s->outline.data[--s->outline.n];
+        s->corner.n = last->corner, s->part.n = last->part, s->beam.n = last->beam + 1;
+    }
+    s->answer.n = 0;
+}
+
 void pieces_begin(void) {
     begun++;
-    if (own) empty(own);
+    if (own && own->held.on && own->n) {
+        count_units(own, held_begin(&own->held, own->n));
+        outlines_begin(own);
+    } else if (own) {
+        empty(own);
+    }
+}
+
+Held *pieces_held(void) { return own && own->held.on ? &own->held : NULL; }
+
+void pieces_hold(bool on) {
+    Store *s = told_store();
+    if (!s) return;
+    begun++;
+    held_set(&s->held, on);
+    empty(s);
 }
 
 uint64_t pieces_begun(void) { return begun; }
@@ -169,7 +193,8 @@ bool outline_find(uint32_t unit, Outline *out) {
 }
 
 bool outline_recall(const Outline *o, const double light[3], int32_t *unit) {
-    for (uint32_t i = own->outline.data[o->row].answer; i; i = own->answer.data[i - 1].before) {
+    const OutlineRow *row = &own->outline.data[o->row];
+    for (uint32_t i = row->begun == begun ? row->answer : 0; i; i = own->answer.data[i - 1].before) {
         const OutlineAnswer *a = &own->answer.data[i - 1];
         if (memcmp(a->light, light, sizeof a->light)) continue;
         *unit = a->unit;
@@ -180,9 +205,9 @@ bool outline_recall(const Outline *o, const double light[3], int32_t *unit) {
 
 void outline_remember(const Outline *o, const double light[3], int32_t unit) {
     OutlineRow *row = &own->outline.data[o->row];
-    OutlineAnswer a = {.unit = unit, .before = row->answer};
+    OutlineAnswer a = {.unit = unit, .before = row->begun == begun ? row->answer : 0};
     memcpy(a.light, light, sizeof a.light);
-    if (PUSH(own, own->answer, a)) row->answer = own->answer.n;
+    if (PUSH(own, own->answer, a)) row->answer = own->answer.n, row->begun = begun;
 }
 
 void told_whole(Search *s, int32_t triangle) {
@@ -190,6 +215,72 @@ void told_whole(Search *s, int32_t triangle) {
     if (!room_for_piece(s->store)) return;
     const uint32_t unit = tell(s, triangle, 1, 0.5, 0.5, 0);
     if (s->scene->outlined) outline_add(s, unit, triangle, &window, s->store->part.n);
+}
+
+/* ---- one sheet */
+
+/* A number of an edge, from its first corner to its second, for sums in which the other way is the same less. */
+static uint64_t number_of(int32_t a, int32_t b) {
+    const uint32_t low = (uint32_t)(a < b ? a : b), high = (uint32_t)(a < b ? b : a);
+    uint64_t n = ((uint64_t)low << 32 | high) * 0x9e3779b97f4a7c15u;
+    n = (n ^ n >> 32) * 0xd6e8feb86659fd93u;
+    return a < b ? n ^ n >> 32 : 0 - (n ^ n >> 32);
+}
+
+/* Corners of edge k so that g > 0 in the triangle. */
+static void edge_of(const Search *s, const Candidate *c, uint32_t k, int32_t edge[2]) {
+    const int32_t *corner = s->scene->tree.bvh->face + 3 * (size_t)c->triangle;
+    const bool turned = s->store->near.data[c->near].turned;
+    edge[turned] = corner[k], edge[!turned] = corner[k < 2 ? k + 1 : 0];
+}
+
+static void tell_part(Search *s, const Candidate *c) {
+    const Parts *p = &s->store->parts.data[c->part / 8];
+    const uint32_t i = c->part % 8;
+    uint32_t sides = 0;
+    if (!room_for_piece(s->store)) return;
+    for (uint32_t k = 0; k < 3 && s->scene->adjacency; k++) {
+        if (!(p->there[k] >> i & 1)) continue;
+        const uint32_t unit = s->store->n + 1 + sides++;
+        int32_t edge[2];
+        edge_of(s, c, k, edge);
+        put_int(s, unit, SLT_SIDE_A, edge[0]), put_int(s, unit, SLT_SIDE_B, edge[1]);
+        put(s, unit, SLT_SIDE_WEIGHT, p->weight[k][i]);
+        for (uint32_t q = 0; q < 4; q++) put(s, unit, SLT_SIDE_S0 + q, p->end[k][q][i]);
+    }
+    tell(s, c->triangle, p->area[i], p->centre[0][i], p->centre[1][i], sides);
+}
+
+bool told_sheet(Search *s, const Candidate *all, uint32_t n, const uint8_t *order) {
+    const Store *store = s->store;
+    const bool turned = store->near.data[all[order[0]].near].turned;
+    double area = 0, least = HUGE_VAL, most = -HUGE_VAL; /* of these; of others before they cover all */
+    uint64_t open = 0;                                   /* 0: each part of an edge has its other side */
+    uint8_t chosen[FEW_FACETS];
+    uint32_t count = 0;
+    if (store->lost) return false; /* some have not been measured */
+    for (uint32_t i = 0; i < n; i++) {
+        const Candidate *c = &all[order[i]];
+        if (area >= 1 - COVERED || store->near.data[c->near].turned != turned) {
+            if (c->most > most) most = c->most;
+            if (area >= 1 - COVERED) break;
+            continue;
+        }
+        const Parts *p = &store->parts.data[c->part / 8];
+        const uint32_t bit = c->part % 8;
+        if (!(p->good >> bit & 1)) return false;
+        for (uint32_t k = 0; k < 3; k++) {
+            int32_t edge[2];
+            if (!(p->there[k] >> bit & 1)) continue;
+            edge_of(s, c, k, edge);
+            open += number_of(edge[0], edge[1]);
+        }
+        area += p->area[bit], chosen[count++] = order[i];
+        if (c->least < least) least = c->least;
+    }
+    if (!(fabs(area - 1) <= COVERED) || open || most > least) return false;
+    for (uint32_t i = 0; i < count; i++) tell_part(s, &all[chosen[i]]);
+    return true;
 }
 
 /* ---- sides */
@@ -297,11 +388,16 @@ static void tell_beyond(Search *s, Side *side, const int32_t edge[2], int32_t v,
     tell_side(s, side, edge[0], edge[1], side->g, from, to);
 }
 
-static void tell_edge(Search *s, Side *side, const Facet *f, uint32_t k) {
+static void tell_edge(Search *s, Side *side, uint32_t number, uint32_t k, int32_t own) {
+    const Facet *f = &s->store->facet.data[number];
     const int32_t *corner = s->scene->tree.bvh->face + 3 * (size_t)f->triangle;
     int32_t edge[2] = {corner[k], corner[(k + 1) % 3]};
     if (f->turned) edge[0] = edge[1], edge[1] = corner[k];
     memcpy(side->g, f->g[k], sizeof side->g);
+    if ((int32_t)number == own) { /* it ends where its triangle does */
+        tell_side(s, side, edge[0], edge[1], side->g, 0, 1);
+        return;
+    }
     double p[2][3], own_part[2] = {0, 1};
     for (int i = 0; i < 2; i++) window_vertex(s, edge[i], p[i]);
     for (int i = 0; i < 2; i++) on_side_of(side, p[i], p[!i], &own_part[0], &own_part[1]);
@@ -336,7 +432,7 @@ static uint32_t tell_sides(Search *s, const Polygon *p) {
             const Crossing *c = &s->store->crossing.data[p->side[k] & ~SIDE_CROSSING];
             tell_side(s, &side, c->a, ~c->b, c->g, 0, 1);
         } else {
-            tell_edge(s, &side, &s->store->facet.data[(p->side[k] - 1) / 3], (p->side[k] - 1) % 3);
+            tell_edge(s, &side, (p->side[k] - 1) / 3, (p->side[k] - 1) % 3, p->facet);
         }
         if (side.count > SLT_PIECE_MAX_SIDES) break;
     }

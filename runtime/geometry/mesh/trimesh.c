@@ -128,14 +128,21 @@ static void answer_alike(uint64_t lanes, const uint32_t like[64], int32_t *witne
 static void find(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width, bool sides,
                  int32_t *witness) {
     const Trimesh *m = g->made;
+    Held *held = pieces_held();
+    sides |= held && m->has_adjacency; /* who asks again may want them */
     const PieceScene s = {.tree = scene_of(g, values),
                           .values = values,
                           .adjacency = sides ? &m->adjacency : NULL,
                           .outlined = m->from.queries >> SLT_QUERY_LIT & 1,
                           .facets = m->facets};
     uint32_t like[64];
-    const uint64_t own = asking(rays, m->from.f64, mask, width, SLT_BEAM_ROWS, SLT_BEAM_CORNER, like);
-    if (!pieces_find(&s, rays, own, width, witness)) atomic_store(m->lost, true);
+    uint64_t own = asking(rays, m->from.f64, mask, width, SLT_BEAM_ROWS, SLT_BEAM_CORNER, like), known = 0;
+    for (uint32_t k = 0; k < width; k++) witness[k] = 0;
+    if (held) known = held_find(held, g, rays, m->from.f64, own, width, witness);
+    if (own != known) {
+        if (!pieces_find(&s, rays, own & ~known, width, witness)) atomic_store(m->lost, true);
+        else if (held) held_add(held, g, rays, m->from.f64, own & ~known, width, witness);
+    }
     answer_alike(mask & ~own, like, witness);
 }
 
@@ -321,6 +328,7 @@ const GeometryOps geometry_mesh = {.make = make,
                                    .follow = follow,
                                    .growth = growth,
                                    .lost = lost,
+                                   .hold = pieces_hold,
                                    .unmet = unmet,
                                    .bytes = held,
                                    .describe = text};

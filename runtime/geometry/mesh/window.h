@@ -22,6 +22,8 @@ typedef struct Near {
     double depth[3];     /* d . depth is 1 / t */
     double lo[2], hi[2]; /* where it lies in the window that it was listed for */
     double along[2][4];  /* normals and depth times that window's u and v */
+    double spread[2][4]; /* what these add at a window's corners: the least and the most. Adding rounds alike whichever
+                            is added, so what is least here is least of the sums */
     int32_t triangle;
     bool turned; /* edges run from their second corner to their first for g to be positive inside */
 } Near;
@@ -29,8 +31,10 @@ typedef struct Near {
 /* One that the window of a lane may see. */
 typedef struct Candidate {
     double least, most; /* of 1 / t at the window's corners */
+    double c[3];        /* g of its edges at the first corner */
     int32_t triangle;
     uint32_t near; /* its number */
+    uint32_t part; /* of sheets: where it was measured (sheet.inc.h) */
     uint8_t lane;
     bool fills; /* all of the window */
 } Candidate;
@@ -43,6 +47,16 @@ typedef struct Facet {
     int32_t triangle;
     bool turned;
 } Facet;
+
+/* What eight triangles have of a window each: sheet.inc.h. */
+typedef struct Parts {
+    double g[3][3][8]; /* of each edge */
+    double area[8], centre[2][8];
+    double end[3][4][8]; /* of the part of each edge in the window: s and t of its begin, of its end */
+    double weight[3][8]; /* SLT_SIDE_WEIGHT */
+    uint8_t there[3];    /* bit i: of triangle i this edge has a part */
+    uint8_t good;        /* bit i: all that is known */
+} Parts;
 
 /* Where two facets cross. */
 typedef struct Crossing {
@@ -62,6 +76,7 @@ enum {
 };
 #define ON_LINE 2e-13 /* of a window's side: nearer to a line is on it */
 #define SAME_DEPTH 1e-11
+#define COVERED 1e-12 /* of a rectangle may be left of it that counts as covered */
 
 /* Counter-clockwise in (s, t). Side k goes from corner k to the next. */
 typedef struct Polygon {
@@ -82,13 +97,22 @@ typedef struct Unit {
     double number[SLT_TOLD];
 } Unit;
 
+/* held.c */
+struct Held {
+    bool on, full;           /* full: nothing more is kept */
+    uint32_t n, kept;        /* windows; units of the store that stay */
+    struct HeldWindows *all; /* NULL: none so far */
+};
+
 typedef struct Store {
     Unit *unit; /* the number of the last unit, then n units, of floats half as long */
     uint32_t n, room;
     bool lost; /* something did not fit */
+    Held held;
     ROW(int32_t) list;
     ROW(Near) near;
     ROW(Candidate) found, candidate;
+    ROW(Parts) parts;
     ROW(Facet) facet;
     ROW(uint32_t) chosen; /* facets of a part of the window */
     ROW(Crossing) crossing;
@@ -149,6 +173,8 @@ typedef struct FacetSearch {
     void (*list)(Search *s, const Window *window, const Rectangle *r);
     /* Fills store->candidate with those of them that the windows may see. */
     void (*survey)(Search *s, const Beams *b, const Places *lie, Neighbours *n);
+    /* Measures what of them may be one sheet across a window. */
+    void (*sheets)(Search *s, const Beams *b, const Neighbours *n);
     /* store->live becomes what is seen in a rectangle of facets chosen[from], ..., nearest first. */
     void (*cover)(Search *s, const Rectangle *r, uint32_t from, uint32_t n);
     /* What lies on either side of the line g = 0; in: where it is positive. */
@@ -196,6 +222,9 @@ static inline void window_facets(const Search *s, uint32_t n) {
 /* told.c */
 Store *told_store(void); /* of the thread; NULL: out of memory */
 void told_whole(Search *s, int32_t triangle);
+/* Of n candidates, at most FEW_FACETS, by numbers, nearest first. False: they are not one sheet in front of all
+ * others, and nothing is told. */
+bool told_sheet(Search *s, const Candidate *c, uint32_t n, const uint8_t *order);
 void told_piece(Search *s, const Polygon *p);
 
 #endif
