@@ -403,7 +403,7 @@ static bool exec_query(Interp *in, const Inst *i, const Mask *m, void *dst) {
     const SltGeometry *g = args->geometries[i->imm.query.geometry];
     /* A geometry answers what compiled kernels ask, and another function may ask more. */
     if (!g->query[i->imm.query.what]) return fail(in, SLT_USAGE);
-    _Alignas(64) unsigned char rays[SLT_BOX_ROWS * 64 * sizeof(double)];
+    _Alignas(64) unsigned char rays[SLT_LINE_ROWS * 64 * sizeof(double)];
     uint64_t on = 0;
     for (uint32_t l = 0; l < in->lanes; l++) on |= (uint64_t)(m->on[l] != 0) << l;
     size_t row = (size_t)in->lanes * in->flt;

@@ -9,6 +9,7 @@ typedef enum QueryRay {
     RAY_SEGMENT,
     RAY_SLICE,
     RAY_BOX,
+    RAY_LINE,
     RAY_BEAM,
     RAY_PAIR,
     RAY_LIGHT,

@@ -182,6 +182,7 @@ static void check_array(Verify *v, const Inst *i, uint32_t a) {
 static bool is_ray(QueryRay ray, uint32_t n) {
     switch (ray) {
     case RAY_BOX: return n == SLT_BOX_ROWS;
+    case RAY_LINE: return n == SLT_LINE_ROWS;
     case RAY_BEAM: return n == SLT_BEAM_ROWS + 1;
     case RAY_PAIR: return n == SLT_PAIR_ROWS;
     case RAY_LIGHT: return n == SLT_LIGHT_ROWS + 1;

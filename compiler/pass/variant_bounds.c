@@ -22,7 +22,7 @@ static Inst *room(Builder *b, IrType elem, uint32_t count) {
 typedef struct Census {
     uint64_t events;
     uint32_t depth;
-    bool roundings;
+    bool roundings, lines;
 } Census;
 
 static void take_census(const Boxes *x, const Block *b, Census *c) {
@@ -30,7 +30,8 @@ static void take_census(const Boxes *x, const Block *b, Census *c) {
         for (uint32_t r = 0; r < i->nregions; r++) take_census(x, i->region[r], c);
         if (!variant_is_site(i) || !bounds_wide(x, i)) continue;
         const SiteInfo *info = variant_site_info(x->from, i);
-        c->events += info->max_events;
+        c->events += info->max_events * (ir_site_of_mesh(info->kind) ? SLT_LINES : 1);
+        c->lines |= ir_site_of_mesh(info->kind);
         if (c->events > OPEN_SLOTS) c->events = OPEN_SLOTS;
         if (info->depth > c->depth) c->depth = info->depth;
         c->roundings |= info->kind != SITE_COMPARE && !ir_site_of_ray(info->kind);
@@ -46,6 +47,7 @@ static void make_room(Boxes *x, Builder *b) {
     x->recorded = room(b, TY_INT, 1);
     x->edge = room(b, TY_INT, x->slots + 1);
     for (uint32_t d = 0; d < c.depth; d++) x->k[d] = room(b, TY_INT, x->slots + 1);
+    for (uint32_t k = 0; k < 2 && c.lines; k++) x->line[k] = room(b, TY_FLT, x->slots + 1);
     if (c.roundings) x->first = room(b, TY_FLT, x->slots + 1), x->last = room(b, TY_FLT, x->slots + 1);
 }
 
@@ -59,7 +61,8 @@ enum { MANY = 1 << 20 }; /* boundaries of one rounding that are counted */
 
 /* The events of the set: edge, k.., [first, last] of each, and how many in all. */
 static void name_events(Boxes *x, Builder *b, Inst *open, Outputs *o) {
-    uint32_t per = 1 + x->depth + (x->first ? 2 : 0), n = x->slots < SLT_MAX_OPEN ? x->slots : SLT_MAX_OPEN;
+    uint32_t rounds = x->first ? 2 : 0, per = 1 + x->depth + rounds + (x->line[0] ? 2 : 0),
+             n = x->slots < SLT_MAX_OPEN ? x->slots : SLT_MAX_OPEN;
     Inst *told = bounds_op2(b, OP_iand, open, ir_consti(b, (int32_t)((1u << x->slots) - 1u)));
     Inst *any =
         bounds_op2(b, OP_ine, bounds_op2(b, OP_iand, open, ir_consti(b, OPEN_MORE | (OPEN_MORE - 1))), ir_consti(b, 0));
@@ -95,6 +98,10 @@ static void name_events(Boxes *x, Builder *b, Inst *open, Outputs *o) {
             more = bounds_op2(&in, OP_imin, bounds_op2(&in, OP_imax, more, zero), ir_consti(&in, MANY));
             times = bounds_op2(&in, OP_iadd, more, one);
         }
+        for (uint32_t k = 0; k < 2 && x->line[0]; k++) {
+            vec_push(x->arena, &yes, read(&in, x->line[k], at));
+            vec_push(x->arena, &no, ir_constf(&out, 0));
+        }
         count = bounds_op2(&in, OP_iadd, count, bounds_choose(&in, some, times, zero));
         rest = bounds_op2(&in, OP_iand, rest, bounds_op2(&in, OP_isub, rest, one));
     }
@@ -111,6 +118,8 @@ static void name_events(Boxes *x, Builder *b, Inst *open, Outputs *o) {
         for (uint32_t e = 0; e < n; e++)
             variant_output(o, which ? SLT_OUT_OPEN_LAST : SLT_OUT_OPEN_FIRST, e,
                            ir_proj(b, br, 2 + e * per + x->depth + which));
+    for (uint32_t k = 0; x->line[0] && k < 2 * n; k++)
+        variant_output(o, SLT_OUT_OPEN_LINE, k, ir_proj(b, br, 2 + k / 2 * per + x->depth + rounds + k % 2));
 }
 
 static Inst *has(Builder *b, Inst *open, int32_t bits) {

@@ -92,8 +92,8 @@ typedef struct Boxes {
     Vec(const Inst *) compared; /* comparisons of what changes on the box with what does not, in order */
     /* Arrays of the events recorded so far; slots elements and one for those beyond. NULL: none can be recorded. */
     uint32_t slots, depth;
-    Recorded *known;                                     /* by edge */
-    Inst *recorded, *edge, *first, *last, *k[SLT_MAX_K]; /* `recorded`: one element, how many */
+    Recorded *known;                                               /* by edge */
+    Inst *recorded, *edge, *first, *last, *line[2], *k[SLT_MAX_K]; /* `recorded`: one element, how many */
 } Boxes;
 
 /* variant_bounds_facts.c */
@@ -153,6 +153,10 @@ void bounds_loop(Boxes *x, Builder *b, const Inst *i);
 
 /* variant_bounds_query.c */
 void bounds_query(Boxes *x, Builder *b, const Inst *i);
+/* The search that a site of a mesh decides by, whose answer may name lines; NULL: none is known. */
+const Inst *bounds_searched(const Boxes *x, const Inst *site);
+/* Number `which`, 2 n + k, of the lines that part its rays. */
+Inst *bounds_line(Boxes *x, Builder *b, const Inst *search, uint32_t which);
 /* Bounds of a comparison that asks whether a ray meets anything; false: it is another one. */
 bool bounds_found(Boxes *x, Builder *b, const Inst *i);
 

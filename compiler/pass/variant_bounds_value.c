@@ -186,10 +186,59 @@ static Inst *record(Boxes *x, Builder *b, const Inst *site, Inst *open, Bound ar
     return ir_proj(b, br, 1);
 }
 
+/* The bit of the next event, from n on. */
+static Inst *next_bit(const Boxes *x, Builder *b, Inst *n) {
+    Inst *told = ir_emit2(b, OP_ilt, n, ir_consti(b, (int32_t)x->slots));
+    return ir_select(b, told, ir_emit2(b, OP_ishl, ir_consti(b, 1), n), ir_consti(b, OPEN_MORE));
+}
+
+/* Where `open` holds, records that line n of those that part the rays of `search` is an event of the site. */
+static Inst *record_line(Boxes *x, Builder *b, const Inst *site, Inst *open, const Inst *search, uint32_t n) {
+    Inst *br = ir_if(b, open);
+    br->imm.i = IR_IF_RARE;
+    Builder in = ir_at_end(x->to, br->region[0]), out = ir_at_end(x->to, br->region[1]);
+    Inst *zero = ir_consti(&in, 0), *at = ir_special(&in, OP_load, TY_INT, 2, (Inst *[]){x->recorded, zero}, (Imm){0}),
+         *slot = at;
+    put(&in, x->edge, slot, ir_consti(&in, (int32_t)site->imm.i));
+    for (uint32_t d = 0; d + 2 < site->nargs; d++) put(&in, x->k[d], slot, value_of(x, site->args[d + 2]).is.lo);
+    if (x->first) put(&in, x->first, slot, number(&in, 0)), put(&in, x->last, slot, number(&in, 0));
+    for (uint32_t k = 0; k < 2; k++)
+        put(&in, x->line[k], slot, ir_emit1(&in, OP_i2f, bounds_line(x, &in, search, 2 * n + k)));
+    put(&in, x->recorded, zero, ir_emit2(&in, OP_iadd, at, ir_consti(&in, 1)));
+    Inst *bit = next_bit(x, &in, at), *none = ir_consti(&out, 0);
+    ir_yield(&in, 1, &bit);
+    ir_yield(&out, 1, &none);
+    return ir_proj(b, br, 0);
+}
+
+/* Where a ray may meet a mesh or not: an event for each line that bounds know; if these are not all, it may also jump
+ * elsewhere. */
+static Inst *record_lines(Boxes *x, Builder *b, const Inst *site, Inst *open) {
+    const Inst *search = x->edge ? bounds_searched(x, site) : NULL;
+    Inst *jumps = bits_where(b, open, OPEN_JUMP);
+    if (!search) return jumps;
+    Inst *answer = x->answer[search->id], *least = ir_consti(b, SLT_RAYS_EITHER),
+         *most = ir_consti(b, SLT_RAYS_EITHER + SLT_LINES);
+    Inst *all = bounds_op2(b, OP_ile, answer, most);
+    Inst *count = bounds_op2(b, OP_isub, answer, bounds_choose(b, all, least, most));
+    Inst *known = bounds_op2(b, OP_band, all, bounds_op2(b, OP_ilt, least, answer));
+    Inst *set = open_where(b, known, NULL, jumps);
+    for (uint32_t n = 0; n < SLT_LINES; n++) {
+        Inst *has = bounds_op2(b, OP_band, open, bounds_op2(b, OP_ilt, ir_consti(b, (int32_t)n), count));
+        set = open_union(b, set, record_line(x, b, site, has, search, n));
+    }
+    return set;
+}
+
 static void site_value(Boxes *x, Builder *b, const Inst *i) {
     const SiteInfo *info = variant_site_info(x->from, i);
     Boxed v = value_of(x, i->args[0]);
     if (!bounds_wide(x, i->args[0]) || !(x->fact[i->args[1]->id] & FACT_SLOPE)) { /* it follows jumps that are told */
+        x->value[i->id] = v;
+        return;
+    }
+    if (ir_site_of_mesh(info->kind) && !info->skip_loop) {
+        v.open = record_lines(x, b, i, bounds_undecided(b, v.is));
         x->value[i->id] = v;
         return;
     }

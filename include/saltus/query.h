@@ -46,6 +46,8 @@ enum {
  * local maximum of k after t0, before t1: an edge, AT_T0 if k falls from t0 on, or AT_T1 if it rises up to t1. The top
  * of what a ray blocked at t0 runs into
  * BLOCKED     of a box of rays: whether TRACE finds a point for all of them, for none, or that is not known
+ * LINE        of a box of rays: one of the two numbers of a line (saltus/mesh.h) that parts those that meet something
+ *             from those that do not, or NONE
  * BEGIN       0, and what the thread was told of pieces is forgotten: before the first PIECES of a vector of samples
  * PIECES      what is seen through a window: the unit of the first piece (saltus/mesh.h) in SltToldFn, 0 for none
  * SEEN        PIECES whose sides are not told
@@ -77,7 +79,9 @@ typedef enum SltRayRow {
     SLT_RAY_LIFT = SLT_RAY_POINT_ROWS,
     SLT_RAY_LIFT_OF,
     SLT_RAY_ROWS,
-    SLT_BOX_ROWS = 2 * SLT_RAY_ROWS
+    SLT_BOX_ROWS = 2 * SLT_RAY_ROWS,
+    SLT_LINE_WHICH = SLT_BOX_ROWS, /* of a LINE, behind the box: number k of the two of line n as 2 n + k */
+    SLT_LINE_ROWS
 } SltRayRow;
 
 /* Witnesses below 0. Before a search, a dx or dy so small that its reciprocal overflows counts as 0, an infinite t as
@@ -89,8 +93,9 @@ enum {
     SLT_WITNESS_OWN = -4 /* from here down: what the geometry's header says */
 };
 /* Answers of BLOCKED. Of FREE and BLOCKED every ray of the box, decided by TRACE or OCCLUDED, is a case; EITHER says
- * nothing. */
-enum { SLT_RAYS_FREE = SLT_WITNESS_NONE, SLT_RAYS_BLOCKED = 0, SLT_RAYS_EITHER = 1 };
+ * nothing. EITHER + n, n from 1 to SLT_LINES: rays between which there is none of n lines, which LINE names, are
+ * decided alike. EITHER + SLT_LINES + n: there are more lines, or these do not tell whose a place is. */
+enum { SLT_RAYS_FREE = SLT_WITNESS_NONE, SLT_RAYS_BLOCKED = 0, SLT_RAYS_EITHER = 1, SLT_LINES = 4 };
 
 struct SltGeometry;
 /* Answers one query for `width` <= 64 rays into witness[width]; lanes outside mask get NONE. values: the geometry's

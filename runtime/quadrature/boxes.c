@@ -2,6 +2,7 @@
  * `written_bounds`, one for each edge that is open in any of them. */
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "runtime/quadrature/boxes.h"
 #include "runtime/sample/alloc.h"
@@ -71,6 +72,9 @@ static void read_box(const SltScene *s, const Batch *b, uint32_t lane, BoxFacts 
             event->first = batch_get(b, SLT_OUT_OPEN_FIRST, e, lane);
             event->last = batch_get(b, SLT_OUT_OPEN_LAST, e, lane);
         }
+        Event line = {.site = edge};
+        batch_read_line(b, e, lane, &line);
+        memcpy(event->line, line.window, sizeof event->line);
         f->listed++;
     }
 }
@@ -86,6 +90,7 @@ static void ask_edge(const Boxes *q, BoxWorker *w, uint64_t first, uint32_t n, i
             set_box(q, b, lanes, first + i);
             for (uint32_t k = 0; k < w->facts[i].loops; k++) batch_set_int(b, SLT_IN_K0 + k, lanes, event->k[k]);
             batch_set(b, SLT_IN_BOUNDARY, lanes, event->first);
+            for (uint32_t end = 0; end < 2; end++) batch_set(b, SLT_IN_WINDOW0 + end, lanes, event->line[end]);
             w->asked[lanes].box = i, w->asked[lanes++].event = e;
         }
     b->args.site = edge;

@@ -12,6 +12,7 @@
 typedef struct BoxEvent {
     int32_t edge, k[SLT_MAX_K]; /* k: loop indices, outermost first */
     double first, last;         /* of a rounding: the least and the greatest boundary of its integer; else 0 */
+    double line[2];             /* of a ray that meets a mesh: a line (saltus/mesh.h); else 0 */
     double g[2], dg[3][2];      /* bounds of g (of the least boundary) and of its gradient */
     int32_t state;              /* SLT_EDGE_* bits */
 } BoxEvent;

@@ -60,7 +60,8 @@ static void note_face(Cells *c, uint32_t i, const Root *r) {
     CellEdge *e = &cell->edge[s->edge];
     int base = base_axis(cell, e->axis);
     const Corner *k = e->corner[i & 1];
-    bool clear = fabs(k[0].g) > 2 * e->error && fabs(k[1].g) > 2 * e->error; /* NaN is not */
+    double near = larger(2 * e->error, cells_doubt(e));
+    bool clear = fabs(k[0].g) > near && fabs(k[1].g) > near; /* NaN is not */
     e->sure[i & 1] = is_whole(cell, s, base) && clear && (r != NULL) == ((k[0].g < 0) != (k[1].g < 0));
     if (r) e->leaves[i & 1] = r->x[base];
 }
@@ -255,8 +256,7 @@ static bool keep_present(Cells *c) {
     for (uint32_t i = 0; i < c->nstretch; i++) {
         Stretch *s = &c->stretch[i];
         if (s->state == ROOT) {
-            double up = curve_of(c, s)->rises[curve_of(c, s)->axis];
-            s->state = up * p[0].g <= 0 && up * p[1].g >= 0 ? OPEN : DONE;
+            s->state = cells_spans(curve_of(c, s), curve_of(c, s)->axis, p[0].g, p[1].g) ? OPEN : DONE;
             p += 2;
         }
         if (s->state == OPEN) c->stretch[kept++] = *s;

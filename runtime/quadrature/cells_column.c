@@ -88,8 +88,7 @@ static bool find_present(Cells *c, uint32_t first) {
     for (uint32_t i = first; i < c->npiece; i++) {
         Piece *p = &c->piece[i];
         for (uint32_t set = p->asked, e; cells_take_edge(&set, &e); at += 2) {
-            double up = c->cell[p->cell].edge[e].rises[p->axis];
-            if (up * at[0].g <= 0 && up * at[1].g >= 0) p->present |= 1u << e;
+            if (cells_spans(&c->cell[p->cell].edge[e], p->axis, at[0].g, at[1].g)) p->present |= 1u << e;
             p->edge[e].height = guess_height(at, p->axis); /* NaN where it is not there, or a slope is 0 */
         }
     }
@@ -129,7 +128,14 @@ static bool is_hidden(const Cells *c, const Piece *p, const Root *r) {
     return cells_sides(c, r)->hash[0] == cells_sides(c, r)->hash[1];
 }
 
-#define APART 0x1p-6 /* of the height of a cell: so far from each other curves are surely not one */
+#define APART 0x1p-6 /* of the height of a cell: so far from each other curves are surely not one, */
+#define TOLD 0x1p-14 /* and so much nearer they can still be told apart */
+
+static bool is_apart(const Piece *p, uint32_t e, double apart) {
+    for (uint32_t others = p->present & ~(1u << e), f; cells_take_edge(&others, &f);)
+        if (!(fabs(p->edge[e].height - p->edge[f].height) > apart)) return false;
+    return true;
+}
 
 /* Where areas are told by borders: curves of a piece that were those of the one before, and which nothing has met since
  * then, have the sides that they had there. */
@@ -142,9 +148,9 @@ static void find_heirs(Cells *c, uint32_t first) {
         if (q->at[q->base][1] != p->at[p->base][0]) continue;
         double apart = APART * (cell->box.end[p->axis] - cell->box.lo[p->axis]);
         p->heirs = p->present & q->present & ~(p->begins | p->asked | q->asked);
+        /* In the one before, too: where several meet in a point pieces between them may be as short as rounding. */
         for (uint32_t set = p->heirs, e; cells_take_edge(&set, &e);)
-            for (uint32_t others = p->present & ~(1u << e), f; cells_take_edge(&others, &f);)
-                if (!(fabs(p->edge[e].height - p->edge[f].height) > apart)) p->heirs &= ~(1u << e);
+            if (!is_apart(p, e, apart) || !is_apart(q, e, TOLD * apart)) p->heirs &= ~(1u << e);
     }
 }
 

@@ -41,6 +41,8 @@ Ask *cells_ask(Cells *c, const CellEdge *e, const double lo[3], const double hi[
 /* What kernels of an event may ask for besides the loops around it. */
 static void put_details(Cells *c, SltKernelKind kind, uint32_t i, const Event *e, const Given *given) {
     if (c->s->layout[kind].reads >> SLT_IN_BOUNDARY & 1) batch_set(c->b, SLT_IN_BOUNDARY, i, e->boundary);
+    for (uint32_t end = 0; end < 2 && c->s->layout[kind].reads >> SLT_IN_WINDOW0 & 1; end++)
+        batch_set(c->b, SLT_IN_WINDOW0 + end, i, e->window[end]);
     if (!(c->s->layout[kind].reads >> SLT_IN_GIVEN0 & 1)) return;
     uint32_t n = 0;
     for (uint32_t j = 0; j < given->n && n < SLT_GIVEN; j++) {
@@ -103,7 +105,7 @@ static void put_probes(Cells *c, SltKernelKind kind, const uint32_t *order, uint
         int32_t *k = (int32_t *)b->args.in[SLT_IN_K0 + d];
         for (uint32_t i = 0; i < n; i++) k[i] = probe[order[i]].event->k[d];
     }
-    if (c->s->layout[kind].reads & (1ull << SLT_IN_BOUNDARY | 1ull << SLT_IN_GIVEN0))
+    if (c->s->layout[kind].reads & (1ull << SLT_IN_BOUNDARY | 1ull << SLT_IN_WINDOW0 | 1ull << SLT_IN_GIVEN0))
         for (uint32_t i = 0; i < n; i++) put_details(c, kind, i, probe[order[i]].event, probe[order[i]].given);
     if (b->pixels)
         for (uint32_t i = 0; i < n; i++) batch_set_x(b, i, probe[order[i]].x);
@@ -134,7 +136,8 @@ static bool are_plain(const Cells *c, uint32_t n) {
 bool cells_run_roots(Cells *c, uint32_t n) {
     if (!are_plain(c, n)) return false;
     Batch *b = c->b;
-    bool levels = c->s->layout[SLT_K_EDGE].reads & 1ull << SLT_IN_BOUNDARY;
+    bool levels = c->s->layout[SLT_K_EDGE].reads & 1ull << SLT_IN_BOUNDARY,
+         lines = c->s->layout[SLT_K_EDGE].reads & 1ull << SLT_IN_WINDOW0;
     for (uint32_t from = 0; from < n; from += BATCH) {
         const uint32_t lanes = n - from < BATCH ? n - from : BATCH, *active = c->active + from;
         for (uint32_t i = 0; i < lanes; i++) {
@@ -143,6 +146,8 @@ bool cells_run_roots(Cells *c, uint32_t n) {
             for (uint32_t d = 0; d < c->dim; d++) batch_set(b, SLT_IN_X0 + d, i, r->x[d]);
             for (uint32_t d = 0; d < c->depth; d++) batch_set_int(b, SLT_IN_K0 + d, i, k[d]);
             if (levels) batch_set(b, SLT_IN_BOUNDARY, i, r->of->event.boundary);
+            for (uint32_t end = 0; end < 2 && lines; end++)
+                batch_set(b, SLT_IN_WINDOW0 + end, i, r->of->event.window[end]);
         }
         b->args.site = c->root[active[0]].of->event.site;
         cells_call(c, SLT_K_EDGE, lanes);
@@ -266,6 +271,7 @@ static void read_events(const Cells *c, Cell *cell, uint32_t i) {
                 return;
             }
             event.boundary = at;
+            batch_read_line(b, e, i, &event);
             CellEdge *edge = &cell->edge[cell->nedges++];
             memset(edge, 0, sizeof *edge);
             edge->event = event;
@@ -354,6 +360,7 @@ void cells_meet(const Cells *c, CellEdge *e, const Ask *box) {
     e->g[0] = box->g[0], e->g[1] = box->g[1];
     if (smooth && mean[0] - rounding > e->g[0]) e->g[0] = mean[0] - rounding;
     if (smooth && mean[1] + rounding < e->g[1]) e->g[1] = mean[1] + rounding;
+    e->g[0] -= cells_doubt(e), e->g[1] += cells_doubt(e);
 }
 
 /* Is one of a cell's events of a site that is straight? Asked once in a tile, of the first cell that has one. */

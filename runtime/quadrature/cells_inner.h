@@ -443,10 +443,21 @@ bool cells_grow(Cells *c, void *array, uint32_t *cap, uint32_t need, size_t size
 #define CELLS_ROOM(c, name, extra)                                                                                     \
     cells_grow(c, &(c)->name, &(c)->name##_cap, (c)->n##name + (extra), sizeof *(c)->name)
 
-/* Is the site about a ray? Of these bounds know whether they are open, and no curve. */
+/* Rays that meet a mesh are decided by other arithmetic than their lines' g: so near to 0, in bounds of what g rounds
+ * by, the two may disagree. Along a face of a cell a line then is in both cells, and at the one where rays differ it
+ * counts. */
+enum { CELL_RAY = 16 };
+static inline double cells_doubt(const CellEdge *e) { return (e->event.line ? CELL_RAY : 0) * e->error; }
+/* Does g, of which these are the values at the two ends of a column, come to 0 between them? */
+static inline bool cells_spans(const CellEdge *e, int axis, double lo, double hi) {
+    const double up = e->rises[axis], near = cells_doubt(e);
+    return up * lo <= near && up * hi >= -near;
+}
+
+/* Is the site about a ray over terrain? Of these bounds know whether they are open, and no curve. */
 static inline bool cells_is_ray(const SltScene *s, int32_t site) {
     return (uint32_t)site < s->nsites && s->site_kind[site] >= SLT_SITE_SILHOUETTE &&
-           s->site_kind[site] <= SLT_SITE_MESH_SHADOW;
+           s->site_kind[site] <= SLT_SITE_SHADOW;
 }
 
 /* Is what the edge kernels know of the site levels of a wave, and not its g? */

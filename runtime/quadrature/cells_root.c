@@ -283,8 +283,9 @@ static void call_sides(Cells *c, const uint32_t *active, uint32_t n, double far)
         memcpy(x, r->x, sizeof x);
         find_reach(c, r, reach);
         find_ends(c, r, ends);
-        at[0] = larger(reach[0], cells_move(c, ends[0], -d, width));
-        at[1] = smaller(reach[1], cells_move(c, ends[1], d, width));
+        double doubt = r->of->event.line ? 2 * cells_doubt(r->of) / fabs(r->dg[r->axis]) : 0;
+        at[0] = larger(reach[0], smaller(cells_round(c, ends[0] - doubt), cells_move(c, ends[0], -d, width)));
+        at[1] = smaller(reach[1], larger(cells_round(c, ends[1] + doubt), cells_move(c, ends[1], d, width)));
         for (uint32_t s = 0; s < 2; s++) x[r->axis] = at[s], batch_set_x(b, 2 * i + s, x);
     }
     cells_call(c, SLT_K_SIDES, 2 * n);
@@ -450,7 +451,7 @@ bool cells_take_sides(Cells *c) {
         c->nprobe = 0;
         for (uint32_t i = 0; i < n; i++) {
             const Root *r = &c->root[c->active[i]];
-            if (is_sure(r, cells_sides(c, r))) continue;
+            if (r->of->event.line || is_sure(r, cells_sides(c, r))) continue; /* lines are, as far as they can be */
             if (!probe_sides(c, r)) return false;
             c->active[asked++] = c->active[i];
         }

@@ -12,6 +12,7 @@ enum {
 };
 
 #define MOST_ALONG 64 /* the slope of g along a gap that it jumps across, in parts of that across it */
+#define LARGE 0x1p-16 /* of the domain: a cell in which other lines of a mesh may matter than those that are told */
 #define ALIKE 0.9 /* cosine between slopes of one piece */
 
 /* What a place tells of an event's g. */
@@ -35,10 +36,12 @@ typedef struct Hidden {
 static double middle(const Box *b, uint32_t d, double t) { return b->lo[d] + t * (b->end[d] - b->lo[d]); }
 
 /* Events of sites that are open in cell i, lane i of a call of `bounds`. False where more are than it names. */
-static bool read_open(const Batch *b, uint32_t i, Hidden *h) {
+static bool read_open(const Batch *b, uint32_t i, bool large, Hidden *h) {
     const SltScene *s = b->s;
     int32_t open = batch_open(b, i);
-    if (!open) return true;
+    /* Of the lines of a mesh that pass a box only so many are told, or none; of a small one these tell enough. */
+    bool many = batch_get_int(b, SLT_OUT_BOX_STATE, 0, i) & SLT_BOX_UNKNOWN && scene_asks_meshes(s);
+    if (many && (!open || large)) return false;
     uint32_t named = scene_outputs(s, SLT_K_BOUNDS, SLT_OUT_OPEN_EDGE), n = 0;
     uint32_t depth = named ? scene_outputs(s, SLT_K_BOUNDS, SLT_OUT_OPEN_K) / named : 0;
     for (uint32_t e = 0; e < named && n < (uint32_t)open; e++) {
@@ -55,6 +58,7 @@ static bool read_open(const Batch *b, uint32_t i, Hidden *h) {
         Crossing *c = &h->crossing[h->n];
         *c = (Crossing){.event = {.site = edge, .boundary = first + floor(0.5 * count)}, .base = count, .axis = -1};
         for (uint32_t k = 0; k < depth; k++) c->event.k[k] = batch_get_int(b, SLT_OUT_OPEN_K, e * depth + k, i);
+        batch_read_line(b, e, i, &c->event);
         for (int place = 0; place < PLACES; place++) h->place[place][h->n].range = 0;
         h->cell[h->n++] = (uint8_t)i;
     }
@@ -233,7 +237,8 @@ bool left_hidden(SweepWorker *v, const LeftCell *l, uint32_t n, const bool *seen
         bool dropped = lost[h->index[i]];
         /* What fits between lines is closed: it goes round once. What was dropped is a whole curve. */
         h->part[i] = dropped ? cell->stands : cell->stands > 0 ? 2.0 * b->s->dim / p->lines : sqrt(cell->asked);
-        if (!read_open(b, i, h)) v->unnamed = true;
+        bool large = sweep_measure(&cell->box, b->s->dim) > LARGE * p->volume;
+        if (!read_open(b, i, large, h)) v->unnamed = true;
         if (dropped && h->n == before) v->unnamed = true;
         if (!seen[h->index[i]] || dropped) continue;
         /* Of many cells the two sets of lines tell the error; of a few they may agree by chance. */

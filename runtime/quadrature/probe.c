@@ -23,6 +23,7 @@ static const uint64_t trial_budget[3] = {400, 400, 2000}; /* evaluations of each
 #define TRIAL_LEFT 0.05        /* nor where so much of the trial is left over, */
 #define TRIAL_LEFT_WANTED 0.25 /* where an error is wanted, which the lattice will not reach */
 #define DEARER 0.4        /* nor where cells cost more than this part of what the lattice does, */
+#define WORTH 8.0 /* times these, where curves are straight lines of meshes: of them cells know all digits at once */
 #define DEARER_IMAGE 10.0 /* for an image: its lattice is coarse */
 #define THIN 0.1          /* but where so many of its curves are too near to each other for that */
 #define DEARER_THIN 100.0
@@ -136,29 +137,28 @@ Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats) 
     return o;
 }
 
+/* Of meshes bounds know the lines, and cells have curves. */
 bool quadrature_marches(const SltScene *s, const SltJob *j) {
-    return prove_only_shadows(s) && j->integral && s->dim == 2;
+    return prove_only_shadows(s) && !scene_asks_meshes(s) && j->integral && s->dim == 2;
 }
 
-/* Does f hang on rays? Bounds of these settle much and make no curves: the lattice says more for the same evaluations,
- * but for shadows alone march.c says more still. */
-static bool asks_rays(const SltScene *s) {
-    for (uint32_t i = 0; i < s->nsites; i++)
-        if (s->site_kind[i] >= SLT_SITE_SILHOUETTE && s->site_kind[i] <= SLT_SITE_MESH_SHADOW) return true;
+/* Does f hang on rays of which bounds make no curves? They settle much, but the lattice says more for the same
+ * evaluations; for shadows of terrain alone march.c says more still. Of meshes there are no curves where f hangs on
+ * what is met, and not on whether anything is; in f32 rounding leaves so much open between them that cells cost more
+ * than they tell, unless an error is wanted. */
+static bool has_no_curves(const SltScene *s, bool wanted) {
+    for (uint32_t i = 0; i < s->nsites; i++) {
+        uint8_t kind = s->site_kind[i];
+        if (scene_is_of_mesh(s, (int32_t)i) && (kind < SLT_SITE_MESH_HIT || !(s->f64 || wanted))) return true;
+        if ((kind == SLT_SITE_SILHOUETTE || kind == SLT_SITE_SHADOW) && !wanted) return true;
+    }
     return false;
 }
 
 static bool wants_error(const SltJob *j) { return j->error > 0 || j->abs_error > 0; }
 
-/* On meshes marches state too little where two silhouettes meet in a cell: the lattice, whose errors hold, is asked. */
-static bool asks_meshes(const SltScene *s) {
-    for (uint32_t i = 0; i < s->nsites; i++)
-        if (s->site_kind[i] >= SLT_SITE_MESH && s->site_kind[i] <= SLT_SITE_MESH_SHADOW) return true;
-    return false;
-}
-
 bool quadrature_hopes(const SltScene *s, const SltJob *j) {
-    return quadrature_may(s) && !asks_meshes(s) && (wants_error(j) || !asks_rays(s) || quadrature_marches(s, j));
+    return quadrature_may(s) && (!has_no_curves(s, wants_error(j)) || quadrature_marches(s, j));
 }
 
 SltEstimator quadrature_choose(const SltScene *s, const SltJob *j, SltStats *stats) {
@@ -259,6 +259,7 @@ static bool tiles_pay(const Trial *t, const Tiles *a, uint32_t *spent, bool *ok)
         (double)(t->b->evaluations - before + cost.curve) + (double)cost.volume * (j->no_interior ? 1 : t->s->channels);
     /* What the lattice would not see is no matter of its price. */
     double dearer = cost.thin > THIN * (double)cost.curve ? a->thin : a->dearer;
+    if (j->integral && scene_asks_meshes(t->s)) dearer *= WORTH;
     bool cheap = wants_error(j) || used / all <= dearer * t->lattice;
     return *ok && cheap && counts.left <= (wants_error(j) ? TRIAL_LEFT_WANTED : TRIAL_LEFT) * all;
 }

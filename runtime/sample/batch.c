@@ -130,6 +130,12 @@ void batch_set_event(Batch *b, uint32_t i, const Event *e) {
         batch_set(b, SLT_IN_WINDOW0 + end, i, e->window[end]);
 }
 
+void batch_read_line(const Batch *b, uint32_t e, uint32_t i, Event *event) {
+    event->line = scene_is_of_mesh(b->s, event->site);
+    for (uint32_t end = 0; end < 2 && event->line; end++)
+        event->window[end] = batch_get(b, SLT_OUT_OPEN_LINE, 2 * e + end, i);
+}
+
 void batch_set_stream(Batch *b, uint32_t i, int32_t stream, double rand0) {
     batch_set_int(b, SLT_IN_STREAM, i, stream);
     batch_set(b, SLT_IN_RAND0, i, rand0 < 0x1.fffffep-1 ? rand0 : 0x1.fffffep-1);

@@ -66,12 +66,16 @@ void batch_set_x(Batch *b, uint32_t i, const double x[3]);
 typedef struct Event {
     int32_t site, k[SLT_MAX_K]; /* k: loop indices, outermost first */
     double boundary;            /* of a rounding: where its integer changes */
-    double window[2];           /* of a ray: the stretch of it that g looks along, as parameters t */
+    double window[2];           /* of a ray: the stretch of it that g looks along, as parameters t; of a mesh a line */
+    bool line;                  /* it is a line, of which a site has many */
 } Event;
 /* Do both tell of the same decision? A ray's window is only where to look for it. */
 static inline bool event_same(const Event *e, const Event *f) {
-    return e->site == f->site && e->boundary == f->boundary && !memcmp(e->k, f->k, sizeof e->k);
+    bool same = !e->line || (e->window[0] == f->window[0] && e->window[1] == f->window[1]);
+    return same && e->site == f->site && e->boundary == f->boundary && !memcmp(e->k, f->k, sizeof e->k);
 }
+/* Of event e that `bounds` names of box i: the line of a mesh that it is, if it is one. */
+void batch_read_line(const Batch *b, uint32_t e, uint32_t i, Event *event);
 /* All of the event but its site, which is args.site for all samples. */
 void batch_set_event(Batch *b, uint32_t i, const Event *e);
 /* rand0: number 0 of the stream, in [0, 1); rounding to the program's precision keeps it below 1. */

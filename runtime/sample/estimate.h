@@ -119,6 +119,16 @@ static inline uint32_t scene_outputs(const SltScene *s, SltKernelKind kind, SltR
     return s->layout[kind].out[role].count;
 }
 
+/* Is the site about a ray that meets a mesh? */
+static inline bool scene_is_of_mesh(const SltScene *s, int32_t site) {
+    return (uint32_t)site < s->nsites && s->site_kind[site] >= SLT_SITE_MESH &&
+           s->site_kind[site] <= SLT_SITE_MESH_SHADOW;
+}
+static inline bool scene_asks_meshes(const SltScene *s) {
+    for (uint32_t i = 0; i < s->nsites; i++)
+        if (scene_is_of_mesh(s, (int32_t)i)) return true;
+    return false;
+}
 /* The integral by lines and samples: as many as the job says, or, where it wants an error, until that is reached;
  * SltStats.stopped says where it was not. */
 SltStatus slt_estimate_sampled(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err);

@@ -338,6 +338,7 @@ static Event event_of(const Batch *b, uint32_t i) {
     if (batch_has(b, SLT_OUT_BOUNDARY)) e.boundary = batch_get(b, SLT_OUT_BOUNDARY, 0, i);
     for (uint32_t end = 0; end < b->layout->out[SLT_OUT_WINDOW].count; end++)
         e.window[end] = batch_get(b, SLT_OUT_WINDOW, end, i);
+    e.line = scene_is_of_mesh(b->s, e.site);
     return e;
 }
 

@@ -165,20 +165,6 @@ class MeshSites(Case):
             self.near(j["gradient"]["m"], want, 6e-3)
             self.near([j["gradient"]["light"]], [slope(lambda l: area(corners, l), light)], 1e-2)
 
-    def test_quadrature(self):
-        """Where only hits count, bounds of boxes of rays settle what lies beside silhouettes, which are straight piece by piece: next to nothing is left."""
-        scene = {"eye": "3.1, 2.3, 4.2", "to": "-3.1, -2.3, -4.2", "size": "1.2", "value": "v.hit ? 1.0 : 0.0", "piece": "1.0"}
-        self.put("a.obj", box()[1])
-        self.put("m.salt", SEEN % scene)
-        self.put("p.salt", PIECES % scene)
-        exact = self.json_cli("grad", "p.salt", "--integral", "--samples", "1", "--precision", "f64")
-        for precision, part in ("f64", 2e-5), ("f32", 1e-3):
-            j = self.json_cli("grad", "m.salt", "--integral", "--estimator", "quadrature", "--precision", precision)
-            self.near(j["gradient"]["m"], exact["gradient"]["m"], part)
-            self.assertAlmostEqual(j["integral"][0], exact["integral"][0], delta=1e-5)
-            self.assertGreater(j["settled"], 0.98)
-            self.assertLess(j["evaluations"], 400000)
-
     def test_smooth_normals_and_placed_vertices(self):
         """An interpolated normal is continuous over edges: no more crossings than the silhouette's. Vertices that a function places move edges by its parameters."""
         text = ball(12, 24, 0.5)[1]

@@ -1,4 +1,5 @@
-/* Boxes of rays: what is said of all rays of a box holds for each that is tried, and is said often enough. */
+/* Boxes of rays: what is said of all rays of a box holds for each that is tried, and is said often enough; and so do
+ * the lines that part them. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -111,6 +112,76 @@ static int32_t trace_in(const SltGeometry *g, const void *values, bool f64, cons
     return found;
 }
 
+/* ---- lines */
+static void corner(const Surface *s, bool f64, int32_t v, const double o[3], double out[3]) {
+    for (int a = 0; a < 3; a++) out[a] = (f64 ? s->at[v][a] : (double)s->f32[v][a]) - o[a];
+}
+
+static void cross(const double a[3], const double b[3], double out[3]) {
+    for (int i = 0; i < 3; i++) out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
+}
+
+static double dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+/* g of a line as saltus/mesh.h has it; *size: of its terms. */
+static double g_of(const Surface *s, bool f64, const int32_t line[2], const double ray[SLT_RAY_POINT_ROWS],
+                   double *size) {
+    double p[3][3], n[3], along[2][3];
+    const double *o = ray, *d = ray + 3;
+    bool edge = line[0] < line[1], end = !edge;
+    for (int k = 0; k < 3; k++) corner(s, f64, end ? s->face[line[0]][k] : line[k < 1 ? 0 : 1], o, p[k]);
+    for (int k = 0; k < 2; k++)
+        for (int a = 0; a < 3; a++) along[k][a] = p[k + 1][a] - p[0][a];
+    *size = 20 * sqrt(dot(d, d) * dot(p[0], p[0]) * dot(along[0], along[0]));
+    cross(end ? along[0] : p[0], end ? along[1] : along[0], n);
+    if (edge) return dot(d, n);
+    double t = ray[line[1] == line[0] ? SLT_RAY_T0 : SLT_RAY_T1];
+    *size += 20 * t * sqrt(dot(d, d) * dot(along[0], along[0]) * dot(along[1], along[1]));
+    return t * dot(d, n) - dot(p[0], n);
+}
+
+/* Rays from one point: their lines are straight, and two that lie on one side of each of them meet something or do not
+ * alike. Returns whether lines are named. */
+static bool check_lines(const Surface *s, const SltGeometry *g, const void *values, bool f64, uint64_t *state) {
+    double box[SLT_LINE_ROWS], g_last[TRIED][SLT_LINES];
+    bool hit[TRIED];
+    int32_t said, line[SLT_LINES][2];
+    random_box(s, f64, state, box);
+    for (uint32_t i = 0; i < SLT_RAY_POINT_ROWS; i++)
+        if (i < 3 || i >= SLT_RAY_T0) set(f64, box, i + SLT_RAY_ROWS, get(f64, box, i));
+    g->query[SLT_QUERY_BLOCKED](g, values, box, 1, 1, &said);
+    if (said <= SLT_RAYS_EITHER || said > SLT_RAYS_EITHER + SLT_LINES) return false;
+    uint32_t n = (uint32_t)(said - SLT_RAYS_EITHER);
+    assert_true(n <= SLT_LINES);
+    for (uint32_t k = 0; k < n; k++)
+        for (uint32_t which = 0; which < 2; which++) {
+            set(f64, box, SLT_LINE_WHICH, 2 * k + which);
+            g->query[SLT_QUERY_LINE](g, values, box, 1, 1, &line[k][which]);
+        }
+    for (int i = 0; i < TRIED; i++) {
+        double row[SLT_RAY_POINT_ROWS], ray[SLT_RAY_POINT_ROWS], size;
+        int32_t found;
+        for (uint32_t r = 0; r < SLT_RAY_POINT_ROWS; r++) {
+            double lo = get(f64, box, r), hi = get(f64, box, r + SLT_RAY_ROWS);
+            set(f64, row, r, fmin(fmax(lo + uniform(state) * (hi - lo), lo), hi));
+            ray[r] = get(f64, row, r);
+        }
+        g->query[SLT_QUERY_TRACE](g, values, row, 1, 1, &found);
+        hit[i] = found >= 0;
+        for (uint32_t k = 0; k < n; k++) {
+            double v = g_of(s, f64, line[k], ray, &size);
+            g_last[i][k] = fabs(v) > size * (f64 ? 0x1p-46 : 0x1p-18) ? v : 0;
+        }
+    }
+    for (int i = 0; i < TRIED; i++)
+        for (int j = 0; j < i; j++) {
+            bool alike = true;
+            for (uint32_t k = 0; k < n; k++) alike &= g_last[i][k] * g_last[j][k] > 0;
+            if (alike) assert_int_equal(hit[i], hit[j]);
+        }
+    return true;
+}
+
 static void check(Surface *s, double blocked, double free_) {
     for (int f64 = 0; f64 < 2; f64++) {
         const void *values = f64 ? (const void *)s->at : s->f32;
@@ -120,8 +191,7 @@ static void check(Surface *s, double blocked, double free_) {
                                      .nvertices = (uint32_t)s->nvertices,
                                      .nfaces = (uint32_t)s->nfaces,
                                      .faces = &s->face[0][0],
-                                     .queries =
-                                         1u << SLT_QUERY_TRACE | 1u << SLT_QUERY_BLOCKED | 1u << SLT_QUERY_BETWEEN};
+                                     .queries = 1u << SLT_QUERY_TRACE | 1u << SLT_QUERY_BLOCKED | 1u << SLT_QUERY_LINE};
         assert_int_equal(trimesh_make(&g, &from, values, TRIMESH_ISA_BEST, NULL), SLT_OK);
         uint64_t state = 17;
         uint32_t all = 0, none = 0;
@@ -131,12 +201,15 @@ static void check(Surface *s, double blocked, double free_) {
             random_box(s, f64, &state, box);
             g->query[SLT_QUERY_BLOCKED](g, values, box, 1, 1, &said);
             all += said == SLT_RAYS_BLOCKED, none += said == SLT_RAYS_FREE;
-            if (said == SLT_RAYS_EITHER) continue;
+            if (said >= SLT_RAYS_EITHER) continue;
             for (int k = 0; k < TRIED; k++)
                 assert_int_equal(trace_in(g, values, f64, box, &state) >= 0, said == SLT_RAYS_BLOCKED);
         }
-        print_message("%s: of all boxes %.3f are met, %.3f free\n", f64 ? "f64" : "f32", (double)all / BOXES,
-                      (double)none / BOXES);
+        uint32_t lines = 0;
+        for (int i = 0; i < BOXES; i++) lines += check_lines(s, g, values, f64, &state);
+        print_message("%s: of all boxes %.3f are met, %.3f free; %.3f of those from a point have lines\n",
+                      f64 ? "f64" : "f32", (double)all / BOXES, (double)none / BOXES, (double)lines / BOXES);
+        assert_true((double)lines / BOXES >= 0.03);
         assert_true((double)all / BOXES >= blocked && (double)none / BOXES >= free_);
         geometry_free(g);
     }

@@ -1,6 +1,13 @@
 /* None of them meets anything if each triangle lies beside all of them, or before or behind. All of them meet something
  * if the middle one meets a triangle and no ray can leave what is around it: a set of triangles, each of which all rays
- * see from one side and within their ends, is closed but at edges that all rays pass on the inner side. */
+ * see from one side and within their ends, is closed but at edges that all rays pass on the inner side.
+ *
+ * Else there are lines between those that do and those that do not. A ray of the box is the last that meets anything
+ * only where it passes an edge, or where a triangle passes one of its ends; and not at an edge where two triangles
+ * meet that all rays see from one side: beyond it they meet the other one. So of all triangles that are not beside the
+ * rays the edges are named that may pass the box and are not of that kind, and the planes that may pass an end. Lines
+ * that parts of the mesh hide, or that end before the box, are among them: across these nothing changes. Where there
+ * is no line all rays are as the middle one is. */
 #include "boxes.h"
 
 #include <math.h>
@@ -9,10 +16,15 @@
 #include "saltus/mesh.h"
 #include "saltus/query.h"
 
-enum { PATCH = 24 }; /* triangles around a ray, at most */
+enum {
+    PATCH = 24, /* triangles around a ray, at most */
+    FACES = 96, /* beside which a box does not lie, at most, of which lines are looked for, */
+    FEW = 24    /* and of which some are told where not all can be */
+};
 /* Rays see a corner, less their origin and sheared, where it is but for 6 roundings of its largest coordinate; f64 edge
  * functions are rounded as well (rays.inc.h). */
 #define ROUNDED(f64) ((f64) ? 0x1p-49 : 0x1p-21)
+#define ONE_LINE(f64) ((f64) ? 0x1p-23 : 0x1p-6) /* the angle below which two edges are one line */
 
 typedef struct Range {
     double lo, hi;
@@ -25,27 +37,31 @@ typedef struct Box {
     double wide; /* how far the boxes of the tree are from theirs, at most */
 } Box;
 
+/* fmin and fmax are calls. */
+static inline double lesser(double a, double b) { return a < b ? a : b; }
+static inline double greater(double a, double b) { return a > b ? a : b; }
+
 /* Outward by more than one operation rounds. */
-static Range widened(double lo, double hi) {
-    return (Range){isinf(lo) ? lo : lo - fabs(lo) * 0x1p-51 - 0x1p-1000,
-                   isinf(hi) ? hi : hi + fabs(hi) * 0x1p-51 + 0x1p-1000};
+static inline Range widened(double lo, double hi) {
+    const double out = 1 + 0x1p-51, in = 1 - 0x1p-51;
+    return (Range){lo * (lo < 0 ? out : in) - 0x1p-1000, hi * (hi < 0 ? in : out) + 0x1p-1000};
 }
 
-static Range add(Range a, Range b) { return widened(a.lo + b.lo, a.hi + b.hi); }
-static Range minus(Range a, Range b) { return widened(a.lo - b.hi, a.hi - b.lo); }
+static inline Range add(Range a, Range b) { return widened(a.lo + b.lo, a.hi + b.hi); }
+static inline Range minus(Range a, Range b) { return widened(a.lo - b.hi, a.hi - b.lo); }
 
 /* An end of a ray may be infinite, which times 0 is anything. */
-static Range times(Range a, Range b) {
+static inline Range times(Range a, Range b) {
     double p = a.lo * b.lo, q = a.lo * b.hi, r = a.hi * b.lo, s = a.hi * b.hi;
-    if (isnan(p) || isnan(q) || isnan(r) || isnan(s)) return (Range){-INFINITY, INFINITY};
-    return widened(fmin(fmin(p, q), fmin(r, s)), fmax(fmax(p, q), fmax(r, s)));
+    if (isnan(p + q + r + s)) return (Range){-INFINITY, INFINITY};
+    return widened(lesser(lesser(p, q), lesser(r, s)), greater(greater(p, q), greater(r, s)));
 }
 
-static Range dot(const Range a[3], const Range b[3]) {
+static inline Range dot(const Range a[3], const Range b[3]) {
     return add(times(a[0], b[0]), add(times(a[1], b[1]), times(a[2], b[2])));
 }
 
-static void cross(const Range a[3], const Range b[3], Range out[3]) {
+static inline void cross(const Range a[3], const Range b[3], Range out[3]) {
     for (int i = 0; i < 3; i++) {
         const int j = (i + 1) % 3, k = (i + 2) % 3;
         out[i] = minus(times(a[j], b[k]), times(a[k], b[j]));
@@ -58,44 +74,67 @@ static int sign_of(Range a) { return a.lo > 0 ? 1 : a.hi < 0 ? -1 : 0; }
 /* What is known of a triangle and all rays of the box. */
 typedef struct Seen {
     int facing;    /* sign of d . normal */
+    int side;      /* the same of rays that meet it, which do so in front of their origin: that side it lies on, too */
     int edge[3];   /* the sign of d . (P x (Q - P)), of the edge from corner k to the next */
     int near, far; /* whether the rays' ends lie before (1) or behind (-1) its plane, along the normal */
+    bool begin, end; /* may a ray begin, or end, in the triangle? */
+    bool beside;     /* no ray can meet it */
 } Seen;
 
-static Seen look(const Box *b, int32_t face) {
-    Range at[3][3], along[3][3], normal[3], n[3];
+/* Of the rays that meet a triangle: t is between those of its corners, d . (corner - o) / d . d. Not known where d may
+ * be 0. */
+static Range times_of(const Box *b, Range from[3][3]) {
+    const Range square = dot(b->d, b->d);
+    Range t = {INFINITY, -INFINITY};
+    if (!(square.lo > 0)) return (Range){-INFINITY, INFINITY};
+    for (int k = 0; k < 3; k++) {
+        Range at = times(dot(b->d, from[k]), widened(1 / square.hi, 1 / square.lo));
+        t.lo = lesser(t.lo, at.lo), t.hi = greater(t.hi, at.hi);
+    }
+    return t;
+}
+
+enum { LOOK_EDGES = 1, LOOK_PLANE = 2, LOOK_AT_ALL = LOOK_EDGES | LOOK_PLANE, LOOK_UNLESS_BESIDE = 4 };
+
+static Seen look(const Box *b, int32_t face, int what) {
+    Range at[3][3], from[3][3], along[3][3], normal[3], n[3];
     double v[3][3], far = 0;
+    Seen s = {0};
     for (int k = 0; k < 3; k++)
         for (int a = 0; a < 3; a++) {
             const size_t i = 3 * (size_t)b->mesh->face[3 * (size_t)face + (size_t)k] + (size_t)a;
             v[k][a] = b->mesh->f64 ? ((const double *)b->mesh->vertex)[i] : (double)((const float *)b->mesh->vertex)[i];
-            far = fmax(far, fmax(fabs(v[k][a] - b->o[a].lo), fabs(v[k][a] - b->o[a].hi)));
+            far = greater(far, greater(fabs(v[k][a] - b->o[a].lo), fabs(v[k][a] - b->o[a].hi)));
         }
     const double wide = ROUNDED(b->mesh->f64) * far;
     for (int k = 0; k < 3; k++)
-        for (int a = 0; a < 3; a++) at[k][a] = widened(v[k][a] - wide, v[k][a] + wide);
+        for (int a = 0; a < 3; a++)
+            at[k][a] = widened(v[k][a] - wide, v[k][a] + wide), from[k][a] = minus(at[k][a], b->o[a]);
     for (int k = 0; k < 3; k++)
         for (int a = 0; a < 3; a++) along[k][a] = minus(at[(k + 1) % 3][a], at[k][a]);
-    cross(along[0], along[1], normal);
-    Range from[3][3];
-    for (int k = 0; k < 3; k++)
-        for (int a = 0; a < 3; a++) from[k][a] = minus(at[k][a], b->o[a]);
-    Seen s = {.facing = sign_of(dot(b->d, normal))};
-    for (int k = 0; k < 3; k++) {
-        cross(from[k], along[k], n);
-        s.edge[k] = sign_of(dot(b->d, n));
+    if (what & LOOK_EDGES) {
+        bool plus = false, less = false;
+        for (int k = 0; k < 3; k++) {
+            cross(from[k], along[k], n);
+            s.edge[k] = sign_of(dot(b->d, n));
+            plus |= s.edge[k] > 0, less |= s.edge[k] < 0;
+        }
+        s.beside = plus && less;
     }
-    Range height = dot(from[0], normal), speed = dot(b->d, normal);
+    if (s.beside && what & LOOK_UNLESS_BESIDE) return s;
+    cross(along[0], along[1], normal);
+    const Range height = dot(from[0], normal), speed = dot(b->d, normal);
+    s.facing = sign_of(speed);
+    s.side = s.facing ? s.facing : sign_of(height);
     s.near = sign_of(minus(height, times(b->t0, speed)));
     s.far = sign_of(minus(height, times(b->t1, speed)));
+    s.beside |= s.near != 0 && s.near == s.far;
+    if (s.near && s.far) return s;
+    const Range t = times_of(b, from);
+    s.begin = !s.near && t.lo <= b->t0.hi && t.hi >= b->t0.lo;
+    s.end = !s.far && t.lo <= b->t1.hi && t.hi >= b->t1.lo;
+    s.beside |= t.hi < b->t0.lo || t.lo > b->t1.hi;
     return s;
-}
-
-/* Can no ray meet it? */
-static bool is_beside(const Seen *s) {
-    bool plus = false, less = false;
-    for (int k = 0; k < 3; k++) plus |= s->edge[k] > 0, less |= s->edge[k] < 0;
-    return (plus && less) || (s->near != 0 && s->near == s->far);
 }
 
 static bool is_between_ends(const Seen *s) { return s->facing != 0 && s->near == s->facing && s->far == -s->facing; }
@@ -116,9 +155,9 @@ static bool is_covered(const Box *b, int32_t face) {
     int32_t patch[PATCH];
     int facing[PATCH];
     uint32_t n = 1;
-    patch[0] = face, facing[0] = look(b, face).facing;
+    patch[0] = face, facing[0] = look(b, face, LOOK_PLANE).facing;
     for (uint32_t i = 0; i < n; i++) {
-        const Seen s = look(b, patch[i]);
+        const Seen s = look(b, patch[i], LOOK_AT_ALL);
         if (!is_between_ends(&s) || s.facing != facing[i]) return false;
         for (int k = 0; k < 3; k++) {
             if (s.edge[k] == s.facing) continue;
@@ -135,7 +174,7 @@ static bool is_covered(const Box *b, int32_t face) {
     return true;
 }
 
-/* ---- none */
+/* ---- none, or lines */
 
 /* The t at which o + t d may be in [lo, hi]. */
 static Range times_inside(Range o, Range d, double lo, double hi) {
@@ -143,6 +182,7 @@ static Range times_inside(Range o, Range d, double lo, double hi) {
     if (d.lo <= 0 && d.hi >= 0) {
         const double least = away.lo > 0 ? away.lo : away.hi < 0 ? -away.hi : 0, fastest = fmax(-d.lo, d.hi);
         if (least == 0) return (Range){-INFINITY, INFINITY};
+        if (!(fastest > 0)) return (Range){INFINITY, INFINITY}; /* never */
         /* Before or behind, but not at once: only the smallest |t| is known. Rays do not run backwards here. */
         return widened(least / fastest, INFINITY);
     }
@@ -160,19 +200,112 @@ static bool may_enter(const Box *b, const BvhNode *node, int k) {
     return from <= to;
 }
 
-static bool leaf_is_free(const Box *b, int32_t leaf) {
+typedef struct Lines {
+    uint32_t n, faces;
+    struct {
+        int32_t a, b; /* as of saltus/mesh.h */
+    } line[SLT_LINES];
+    bool many; /* there are more than are told */
+    bool lost; /* and nothing is */
+} Lines;
+
+/* In order, each once: it must not matter in which order a tree has the triangles. */
+static void add_line(Lines *l, int32_t a, int32_t b) {
+    uint32_t at = 0;
+    while (at < l->n && (l->line[at].a < a || (l->line[at].a == a && l->line[at].b < b))) at++;
+    if (at < l->n && l->line[at].a == a && l->line[at].b == b) return;
+    l->many |= l->n == SLT_LINES;
+    if (at == SLT_LINES) return;
+    l->n -= l->n == SLT_LINES; /* the last one goes */
+    memmove(&l->line[at + 1], &l->line[at], (l->n - at) * sizeof *l->line);
+    l->line[at].a = a, l->line[at].b = b, l->n++;
+}
+
+/* Do all rays that meet the face near this edge meet the neighbour beyond it? */
+static bool goes_on(const Box *b, int32_t face, int k, int side) {
+    const int32_t half = b->mesh->adjacency->across[3 * (size_t)face + (size_t)k];
+    if (half < 0 || !side) return false;
+    const Seen s = look(b, half / 3, LOOK_PLANE);
+    return s.side == (is_opposite(b->mesh, face, k, half) ? side : -side);
+}
+
+static void add_lines(const Box *b, int32_t face, const Seen *s, Lines *l) {
+    if (s->begin) add_line(l, face, face);
+    if (s->end) add_line(l, face, ~face);
+    for (int k = 0; k < 3; k++) {
+        if (s->edge[k] || goes_on(b, face, k, s->side)) continue;
+        const int32_t *corner = b->mesh->face + 3 * (size_t)face, p = corner[k], q = corner[(k + 1) % 3];
+        if (p == q) l->many = true; /* a point */
+        else add_line(l, p < q ? p : q, p < q ? q : p);
+    }
+}
+
+static void vertex_of(const Box *b, int32_t v, double out[3]) {
+    for (size_t a = 0; a < 3; a++)
+        out[a] = b->mesh->f64 ? ((const double *)b->mesh->vertex)[3 * (size_t)v + a]
+                              : (double)((const float *)b->mesh->vertex)[3 * (size_t)v + a];
+}
+
+/* The plane that holds the way from p to q and the ray in the middle. */
+static void plane_along(const Box *b, const double p[3], const double q[3], double out[3]) {
+    double along[3], d[3];
+    for (int a = 0; a < 3; a++) along[a] = q[a] - p[a], d[a] = 0.5 * (b->d[a].lo + b->d[a].hi);
+    for (int a = 0; a < 3; a++) {
+        const int j = (a + 1) % 3, k = (a + 2) % 3;
+        out[a] = along[j] * d[k] - along[k] * d[j];
+    }
+}
+
+/* Do two edges meet in a vertex, and each goes on where the other ends? Their lines are one, as far as rounding tells,
+ * and whose a place of it is, the lines do not say: at the vertex the box must be cut. */
+static bool continues(const Box *b, const int32_t edge[2], const int32_t other[2]) {
+    double p[2][3], q[2][3], u[3], v[3];
+    for (int k = 0; k < 2; k++) vertex_of(b, edge[k], p[k]), vertex_of(b, other[k], q[k]);
+    for (int i = 0; i < 2; i++)
+        for (int j = 0; j < 2; j++) {
+            if (memcmp(p[i], q[j], sizeof p[i]) != 0) continue;
+            plane_along(b, p[i], p[1 - i], u), plane_along(b, q[j], q[1 - j], v);
+            double uu = 0, vv = 0, uv = 0;
+            for (int a = 0; a < 3; a++) uu += u[a] * u[a], vv += v[a] * v[a], uv += u[a] * v[a];
+            /* uu vv - uv^2 would cancel. */
+            double sine = 0;
+            for (int a = 0; a < 3; a++) {
+                const double w = u[(a + 1) % 3] * v[(a + 2) % 3] - u[(a + 2) % 3] * v[(a + 1) % 3];
+                sine += w * w;
+            }
+            const double least = ONE_LINE(b->mesh->f64);
+            if (uv < 0 && sine <= least * least * uu * vv) return true;
+        }
+    return false;
+}
+
+static bool has_continued(const Box *b, const Lines *l) {
+    for (uint32_t i = 0; i < l->n; i++)
+        for (uint32_t k = 0; k < i; k++) {
+            const int32_t edge[2] = {l->line[i].a, l->line[i].b}, other[2] = {l->line[k].a, l->line[k].b};
+            if (edge[0] < edge[1] && other[0] < other[1] && continues(b, edge, other)) return true;
+        }
+    return false;
+}
+
+/* False: it need not go on. */
+static bool look_at_leaf(const Box *b, int32_t leaf, Lines *l) {
     for (int k = 0; k < BVH_LEAF; k++) {
         const Bvh *t = b->scene->bvh;
         const int32_t face =
             t->f64 ? ((const BvhLeaf64 *)t->leaf)[leaf].triangle[k] : ((const BvhLeaf32 *)t->leaf)[leaf].triangle[k];
         if (face < 0) continue;
-        const Seen s = look(b, face);
-        if (!is_beside(&s)) return false;
+        const Seen s = look(b, face, LOOK_AT_ALL | LOOK_UNLESS_BESIDE);
+        if (s.beside) continue;
+        l->faces++;
+        if (b->mesh->adjacency) add_lines(b, face, &s, l);
+        l->lost = !b->mesh->adjacency || l->faces > (l->many ? FEW : FACES);
+        if (l->lost) return false;
     }
     return true;
 }
 
-static bool is_free(const Box *b) {
+static void find_lines(const Box *b, Lines *l) {
     int32_t stack[BVH_STACK];
     uint32_t depth = 1;
     stack[0] = 0;
@@ -181,10 +314,9 @@ static bool is_free(const Box *b) {
         for (int k = 0; k < BVH_WIDTH; k++) {
             if (!may_enter(b, node, k)) continue;
             if (node->child[k] >= 0) stack[depth++] = node->child[k];
-            else if (!leaf_is_free(b, ~node->child[k])) return false;
+            else if (!look_at_leaf(b, ~node->child[k], l)) return;
         }
     }
-    return true;
 }
 
 /* ---- the question */
@@ -228,13 +360,58 @@ static int32_t middle(const Box *b, BvhSearch *search) {
     return found;
 }
 
+static int32_t decide(const Box *b, BvhSearch *search, Lines *l) {
+    const int32_t face = middle(b, search);
+    if (face >= 0 && is_covered(b, face)) return SLT_RAYS_BLOCKED;
+    find_lines(b, l);
+    if (l->lost || (l->many && !l->n)) return SLT_RAYS_EITHER;
+    if (l->n) return SLT_RAYS_EITHER + (int32_t)l->n + (l->many || has_continued(b, l) ? SLT_LINES : 0);
+    /* Of triangles without neighbours that are known nothing is proven but that there is none. */
+    return face >= 0 ? SLT_RAYS_BLOCKED : SLT_RAYS_FREE;
+}
+
+/* Of the box of each lane what was found last: who asks for lines has asked for their number just before, of the same
+ * vertices. */
+typedef struct Last {
+    const void *mesh, *vertex;
+    double row[SLT_BOX_ROWS], slack;
+    int32_t answer;
+    Lines lines;
+} Last;
+static _Thread_local Last last[64];
+
+static bool is_last(const Last *l, const BvhScene *s, const WalkMesh *mesh, const double row[SLT_BOX_ROWS]) {
+    return l->mesh == s->bvh && l->vertex == mesh->vertex && l->slack == s->slack &&
+           !memcmp(l->row, row, sizeof l->row);
+}
+
+static const Last *ask(const BvhScene *s, const WalkMesh *mesh, BvhSearch *search, const void *rays, uint32_t width,
+                       uint32_t lane, bool again) {
+    Last *l = &last[lane % 64];
+    double row[SLT_BOX_ROWS];
+    for (uint32_t i = 0; i < SLT_BOX_ROWS; i++) row[i] = number(mesh->f64, rays, i, width, lane);
+    if (again && is_last(l, s, mesh, row)) return l;
+    Box b = {.scene = s, .mesh = mesh};
+    *l = (Last){.mesh = s->bvh, .vertex = mesh->vertex, .slack = s->slack, .answer = SLT_RAYS_EITHER};
+    memcpy(l->row, row, sizeof row);
+    if (box_of(&b, rays, width, lane)) l->answer = decide(&b, search, &l->lines);
+    return l;
+}
+
 void boxes_decide(const BvhScene *s, const WalkMesh *mesh, BvhSearch *search, const void *rays, uint64_t mask,
                   uint32_t width, int32_t *witness) {
+    for (uint32_t k = 0; k < width; k++)
+        witness[k] = mask >> k & 1 ? ask(s, mesh, search, rays, width, k, false)->answer : SLT_RAYS_EITHER;
+}
+
+void boxes_line(const BvhScene *s, const WalkMesh *mesh, BvhSearch *search, const void *rays, uint64_t mask,
+                uint32_t width, int32_t *witness) {
     for (uint32_t k = 0; k < width; k++) {
-        Box b = {.scene = s, .mesh = mesh};
-        witness[k] = SLT_RAYS_EITHER;
-        if (!(mask >> k & 1) || !box_of(&b, rays, width, k)) continue;
-        int32_t face = middle(&b, search);
-        if (face >= 0 ? is_covered(&b, face) : is_free(&b)) witness[k] = face >= 0 ? SLT_RAYS_BLOCKED : SLT_RAYS_FREE;
+        witness[k] = SLT_WITNESS_NONE;
+        if (!(mask >> k & 1)) continue;
+        const Last *l = ask(s, mesh, search, rays, width, k, true);
+        const uint32_t which = (uint32_t)number(mesh->f64, rays, SLT_LINE_WHICH, width, k), n = which / 2;
+        if (l->answer <= SLT_RAYS_EITHER || n >= l->lines.n) continue;
+        witness[k] = which % 2 ? l->lines.line[n].b : l->lines.line[n].a;
     }
 }

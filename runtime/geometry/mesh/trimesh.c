@@ -216,10 +216,18 @@ static void blocked(const SltGeometry *g, const void *values, const void *rays, 
     boxes_decide(&s, &w, m->rays->by[m->from.f64], rays, mask, width, witness);
 }
 
+static void line(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
+                 int32_t *witness) {
+    const Trimesh *m = g->made;
+    const BvhScene s = scene_of(g, values);
+    const WalkMesh w = walk_mesh(m, values);
+    boxes_line(&s, &w, m->rays->by[m->from.f64], rays, mask, width, witness);
+}
+
 /* ---- the seam */
 
 static const uint32_t searching = 1u << SLT_QUERY_TRACE | 1u << SLT_QUERY_OCCLUDED | 1u << SLT_QUERY_PIECES |
-                                  1u << SLT_QUERY_SEEN | 1u << SLT_QUERY_BLOCKED | lighting;
+                                  1u << SLT_QUERY_SEEN | 1u << SLT_QUERY_BLOCKED | 1u << SLT_QUERY_LINE | lighting;
 
 static void release(SltGeometry *g) {
     Trimesh *m = (Trimesh *)g;
@@ -256,7 +264,8 @@ SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void
         release(&m->base.shared);
         return status_fail(err, SLT_LIMIT, "out of memory for the tree of a mesh of %u triangles", from->nfaces);
     }
-    m->has_adjacency = from->queries & (1u << SLT_QUERY_PIECES | 1u << SLT_QUERY_BETWEEN | lighting);
+    m->has_adjacency =
+        from->queries & (1u << SLT_QUERY_PIECES | 1u << SLT_QUERY_BETWEEN | 1u << SLT_QUERY_LINE | lighting);
     if (m->has_adjacency && !adjacency_make(&m->adjacency, from->faces, from->nfaces, from->nvertices)) {
         m->has_adjacency = false;
         release(&m->base.shared);
@@ -268,6 +277,7 @@ SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void
         m->base.shared.query[SLT_QUERY_TRACE] = trace;
         m->base.shared.query[SLT_QUERY_OCCLUDED] = occluded;
         m->base.shared.query[SLT_QUERY_BLOCKED] = blocked;
+        m->base.shared.query[SLT_QUERY_LINE] = m->has_adjacency ? line : NULL;
         m->base.shared.query[SLT_QUERY_PIECES] = m->has_adjacency ? pieces : NULL;
         m->base.shared.query[SLT_QUERY_SEEN] = seen;
         m->base.shared.query[SLT_QUERY_IRRADIANCE] = m->has_adjacency ? irradiance : NULL;
