@@ -14,6 +14,7 @@ typedef enum QueryRay {
     RAY_PAIR,
     RAY_LIGHT,
     RAY_LOBE,
+    RAY_PIECE,
     RAY_NOTHING
 } QueryRay;
 typedef enum QueryWitness { WITNESS_FACE, WITNESS_EDGE, WITNESS_FOUND, WITNESS_RAYS, WITNESS_UNIT } QueryWitness;

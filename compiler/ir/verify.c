@@ -187,6 +187,7 @@ static bool is_ray(QueryRay ray, uint32_t n) {
     case RAY_PAIR: return n == SLT_PAIR_ROWS;
     case RAY_LIGHT: return n == SLT_LIGHT_ROWS + 1;
     case RAY_LOBE: return n == SLT_LOBE_ROWS + 1;
+    case RAY_PIECE: return n == SLT_LIT_ROWS + 1;
     case RAY_NOTHING: return n == 0;
     case RAY_SEGMENT:
     case RAY_SLICE: break;

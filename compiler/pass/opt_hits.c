@@ -1,6 +1,7 @@
 /* Queries become their weaker ones (queries.def). Where only the hit of a ray counts, not the point, any blocked point
  * will do (WEAKER_FOUND): both agree on whether there is a hit, to the bit. Where nobody reads the sides of pieces,
- * they are not told (WEAKER_SIDES). And what only boxes of rays are asked with goes: the kernels' own rays are points.
+ * they are not told (WEAKER_SIDES); what the light sees of a piece moves with them too. And what only boxes of rays are
+ * asked with goes: the kernels' own rays are points.
  */
 #include "compiler/pass/walk.h"
 #include "saltus/mesh.h"
@@ -13,10 +14,14 @@ static bool tells_sides(const Inst *i) {
     return i->op == OP_query && query_rows[i->imm.query.what].when == WEAKER_SIDES;
 }
 
-/* How many sides a piece has is what all ask before they read one. */
+/* How many sides a piece has is what all ask before they read one. Of what is lit of it the derivatives are read
+ * through its answer, the value alone by it. */
 static bool reads_sides(const Block *b) {
     for (const Inst *i = b->first; i; i = i->next) {
+        const bool value = i->op == OP_told && i->imm.query.what == SLT_LIGHT_VALUE;
         if (i->op == OP_told && i->imm.query.what == SLT_PIECE_SIDES) return true;
+        for (uint32_t a = 0; a < i->nargs && !value; a++)
+            if (i->args[a]->op == OP_query && i->args[a]->imm.query.what == SLT_QUERY_LIT) return true;
         for (uint32_t r = 0; r < i->nregions; r++)
             if (reads_sides(i->region[r])) return true;
     }

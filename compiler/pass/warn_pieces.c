@@ -10,6 +10,7 @@
  *   SUM      `base` and shares of some
  *   FOUND    whether there is a piece
  *   UNIT     the number of a piece
+ *   LIT      of what is told of a light that shines on it
  *   OWN      of a piece, the same of its parts where it is cut
  *   BROKEN   the rest: what depends on the order of pieces, on how many there are, on an area otherwise
  *
@@ -19,7 +20,7 @@
 #include "compiler/pass/warn.h"
 #include "saltus/mesh.h"
 
-typedef enum Kind { UNSEEN, STEADY, ZERO, SHARE, SUM, FOUND, UNIT, OWN, BROKEN } Kind;
+typedef enum Kind { UNSEEN, STEADY, ZERO, SHARE, SUM, FOUND, UNIT, LIT, OWN, BROKEN } Kind;
 
 typedef struct Part {
     Kind kind;
@@ -128,7 +129,17 @@ static Part other(const Pieces *p, const Inst *i) {
     return just(broken && !empty ? BROKEN : own || broken ? OWN : STEADY);
 }
 
+static Part query(const Pieces *p, const Inst *i) {
+    if (i == p->query) return just(UNIT);
+    if (i->imm.query.what != SLT_QUERY_LIT || at(p, i->args[SLT_LIT_UNIT]).kind != UNIT) return other(p, i);
+    for (uint32_t a = 0; a < SLT_LIT_UNIT; a++)
+        if (!is_steady(at(p, i->args[a])) && !is_own(at(p, i->args[a]))) return just(BROKEN);
+    return just(LIT);
+}
+
+/* A part of a piece is lit. */
 static Part told(const Pieces *p, const Inst *i) {
+    if (at(p, i->args[0]).kind == LIT) return just(i->imm.query.what == SLT_LIGHT_VALUE ? SHARE : BROKEN);
     if (at(p, i->args[0]).kind != UNIT) return other(p, i);
     if (i->imm.query.what == SLT_PIECE_NEXT) return just(UNIT);
     return just(i->imm.query.what == SLT_PIECE_AREA ? SHARE : OWN);
@@ -216,7 +227,8 @@ static Part result(const Pieces *p, const Inst *i) {
 static Part value_of(const Pieces *p, const Inst *i) {
     Inst *const *a = i->args;
     switch ((Op)i->op) {
-    case OP_query: return i == p->query ? just(UNIT) : other(p, i);
+    case OP_query: return query(p, i);
+    case OP_i2f: return at(p, a[0]).kind == UNIT ? just(UNIT) : other(p, i);
     case OP_told: return told(p, i);
     case OP_ghost: return just(ZERO);
     case OP_constf: return just(i->imm.f == 0 ? ZERO : STEADY);

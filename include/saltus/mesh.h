@@ -86,9 +86,13 @@ enum {
     SLT_LOBE_ROWS = 19
 };
 
+/* A piece and a point light, the rows of SLT_QUERY_LIT: the beam that the piece was seen through, the light; the unit
+ * of the piece as a number. Behind them the answer of SLT_QUERY_BEGIN. */
+enum { SLT_LIT_BEAM = 0, SLT_LIT_LIGHT = 12, SLT_LIT_UNIT = 15, SLT_LIT_ROWS = 16 };
+
 /* What is told of light, by the answer's unit and those behind it: how many units there are of vertices, the value,
- * and the derivatives in the numbers that were asked with, in their order, which go on in the units behind; then the
- * units of vertices. Unit 0: nothing shines. */
+ * and the derivatives in the numbers that were asked with (but the unit of a piece), in their order, which go on in the
+ * units behind; then the units of vertices. Unit 0: nothing shines. */
 enum {
     SLT_LIGHT_COUNT, /* integer */
     SLT_LIGHT_VALUE,

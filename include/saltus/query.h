@@ -53,7 +53,8 @@ enum {
  * SEEN        PIECES whose sides are not told
  * BETWEEN     what parts two rays that meet different faces: one of the two numbers of a line (saltus/mesh.h), or NONE
  * IRRADIANCE  what of a parallelogram shines on a point past the geometry: the unit of the answer (saltus/mesh.h), or 0
- * LTC         the same, of a shining surface */
+ * LTC         the same, of a shining surface
+ * LIT         what a point light sees of a piece: the unit of the answer, or 0 */
 typedef enum SltQuery {
 #define QUERY(id, ...) SLT_QUERY_##id,
 #include "saltus/queries.def"

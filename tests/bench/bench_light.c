@@ -61,6 +61,7 @@ static void time_way(const Bench *b, LightWay way, const char *name) {
     const LightScene scene = {.tree = {.bvh = &b->mesh->bvh},
                               .adjacency = &b->mesh->adjacency,
                               .search = b->mesh->rays->by[1],
+                              .beam = b->mesh->beam,
                               .values = b->values,
                               .way = way};
     double best = HUGE_VAL, edges = 0, sum = 0;

@@ -52,6 +52,55 @@ static inline void scene_soup(Scene *s, uint32_t n, double size, uint64_t *state
     }
 }
 
+/* ---- scenes */
+
+static inline void scene_beam(Scene *s, double eye_z, double corner_x, double u_x) {
+    const double beam[SLT_BEAM_ROWS] = {0.1, 0.2, eye_z, corner_x, -1, eye_z - 2, u_x, 0.1, 0, 0.05, 2, 0.2};
+    memcpy(s->beam, beam, sizeof beam);
+}
+
+/* Each face in four, each new vertex in the middle of two: between[k] are those of vertex before + k. */
+static inline void scene_subdivide(const Scene *s, Scene *out, int32_t (*between)[2]) {
+    *out = *s;
+    out->nfaces = 0;
+    uint32_t n = 0;
+    for (uint32_t f = 0; f < s->nfaces; f++) {
+        const int32_t *corner = s->face[f];
+        int32_t middle[3];
+        for (int k = 0; k < 3; k++) {
+            const int32_t a = corner[k], b = corner[(k + 1) % 3];
+            uint32_t i = 0;
+            while (i < n && !((between[i][0] == a && between[i][1] == b) || (between[i][0] == b && between[i][1] == a)))
+                i++;
+            middle[k] = (int32_t)(s->nvertices + i);
+            if (i < n) continue;
+            between[n][0] = a, between[n][1] = b, n++;
+            scene_vertex(out, 0.5 * (s->at[a][0] + s->at[b][0]), 0.5 * (s->at[a][1] + s->at[b][1]),
+                         0.5 * (s->at[a][2] + s->at[b][2]));
+        }
+        for (int k = 0; k < 3; k++) scene_face(out, corner[k], middle[k], middle[(k + 2) % 3]);
+        scene_face(out, middle[0], middle[1], middle[2]);
+    }
+}
+
+/* A ball before a plate of two faces, one through the other at its border. */
+static inline void scene_ball_and_plate(Scene *s) {
+    static const double corner[6][3] = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
+    *s = (Scene){0};
+    for (int i = 0; i < 6; i++)
+        scene_vertex(s, 0.7 * corner[i][0] + 0.03 * corner[i][1], 0.6 * corner[i][1] + 0.1 * corner[i][2],
+                     0.5 * corner[i][2] - 0.1 * corner[i][0]);
+    for (int i = 0; i < 8; i++) {
+        const int32_t x = i & 1, y = 2 + (i >> 1 & 1), z = 4 + (i >> 2 & 1);
+        const bool odd = ((x + y + z) & 1) != 0;
+        scene_face(s, x, odd ? z : y, odd ? y : z);
+    }
+    const int32_t a = scene_vertex(s, -0.9, -0.8, -0.5), b = scene_vertex(s, 1.1, -0.85, -0.3),
+                  c = scene_vertex(s, 0.95, 0.9, -0.6), d = scene_vertex(s, -0.85, 0.8, 0.2);
+    scene_face(s, a, b, c), scene_face(s, a, c, d);
+    scene_beam(s, 3, -1, 2);
+}
+
 /* ---- the reference */
 
 typedef struct Part {

@@ -51,6 +51,7 @@ static double ask(const Trimesh *m, const LitScene *s, bool lobe, LightWay way, 
     const LightScene scene = {.tree = {.bvh = &m->bvh},
                               .adjacency = &m->adjacency,
                               .search = m->rays->by[f64],
+                              .beam = m->beam,
                               .values = f64 ? (const void *)s->at : s->f32,
                               .way = way};
     float narrow[SLT_LOBE_ROWS];
@@ -524,6 +525,7 @@ static void test_both(void **state) {
             LightScene scene = {.tree = {.bvh = &m->bvh},
                                 .adjacency = &m->adjacency,
                                 .search = m->rays->by[true],
+                                .beam = m->beam,
                                 .values = s->at,
                                 .way = (LightWay)way,
                                 .both = true};

@@ -91,11 +91,6 @@ static double difference(SltProgram *p, double *floats, uint32_t i, double step)
     return (f[0] - f[3] + 8 * (f[2] - f[1])) / (12 * step);
 }
 
-static void set_beam(Scene *s, double eye_z, double corner_x, double u_x) {
-    const double beam[SLT_BEAM_ROWS] = {0.1, 0.2, eye_z, corner_x, -1, eye_z - 2, u_x, 0.1, 0, 0.05, 2, 0.2};
-    memcpy(s->beam, beam, sizeof beam);
-}
-
 /* Largest |derivative - difference| over the largest |difference|. */
 static double worst(const Scene *s, const char *body) {
     SltOptions opt = precision(true);
@@ -122,8 +117,8 @@ static void test_differences(void **state) {
         static Scene s;
         s = (Scene){0};
         scene_soup(&s, 3 + 2 * round, 1.6, &seed);
-        set_beam(&s, round % 4 == 3 ? 0 : 3, round % 4 == 2 ? 1 : -1,
-                 round % 4 == 2 ? -2 : 2); /* 3: inside, 2: mirrored */
+        scene_beam(&s, round % 4 == 3 ? 0 : 3, round % 4 == 2 ? 1 : -1,
+                   round % 4 == 2 ? -2 : 2); /* 3: inside, 2: mirrored */
         double error = worst(&s, everything);
         if (!(error < 1e-8)) fail_msg("scene %u: %g", round, error);
     }
@@ -135,7 +130,7 @@ static void test_single(void **state) {
     static Scene s;
     s = (Scene){0};
     scene_soup(&s, 9, 1.6, &seed);
-    set_beam(&s, 3, -1, 2);
+    scene_beam(&s, 3, -1, 2);
     static double wide[MOST_FLOATS], narrow[MOST_FLOATS];
     for (int f64 = 0; f64 < 2; f64++) {
         SltOptions opt = precision(f64);
@@ -150,30 +145,6 @@ static void test_single(void **state) {
 }
 
 /* ---- flat subdivision: an edge's line goes on along the next edge */
-
-/* Each face in four, each new vertex in the middle of two: between[k] are those of vertex before + k. */
-static void subdivide(const Scene *s, Scene *out, int32_t (*between)[2]) {
-    *out = *s;
-    out->nfaces = 0;
-    uint32_t n = 0;
-    for (uint32_t f = 0; f < s->nfaces; f++) {
-        const int32_t *corner = s->face[f];
-        int32_t middle[3];
-        for (int k = 0; k < 3; k++) {
-            const int32_t a = corner[k], b = corner[(k + 1) % 3];
-            uint32_t i = 0;
-            while (i < n && !((between[i][0] == a && between[i][1] == b) || (between[i][0] == b && between[i][1] == a)))
-                i++;
-            middle[k] = (int32_t)(s->nvertices + i);
-            if (i < n) continue;
-            between[n][0] = a, between[n][1] = b, n++;
-            scene_vertex(out, 0.5 * (s->at[a][0] + s->at[b][0]), 0.5 * (s->at[a][1] + s->at[b][1]),
-                         0.5 * (s->at[a][2] + s->at[b][2]));
-        }
-        for (int k = 0; k < 3; k++) scene_face(out, corner[k], middle[k], middle[(k + 2) % 3]);
-        scene_face(out, middle[0], middle[1], middle[2]);
-    }
-}
 
 /* Linear in the centre, so that no subdivision changes the value. */
 static const char linear[] = "    float sum = 0.0;\n"
@@ -198,35 +169,17 @@ static uint32_t gradient_of_linear(const Scene *s, int faces, double *gradient) 
     return n;
 }
 
-/* A ball before a plate of two faces, one through the other at its border. */
-static void ball_and_plate(Scene *s) {
-    static const double corner[6][3] = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
-    *s = (Scene){0};
-    for (int i = 0; i < 6; i++)
-        scene_vertex(s, 0.7 * corner[i][0] + 0.03 * corner[i][1], 0.6 * corner[i][1] + 0.1 * corner[i][2],
-                     0.5 * corner[i][2] - 0.1 * corner[i][0]);
-    for (int i = 0; i < 8; i++) {
-        const int32_t x = i & 1, y = 2 + (i >> 1 & 1), z = 4 + (i >> 2 & 1);
-        const bool odd = ((x + y + z) & 1) != 0;
-        scene_face(s, x, odd ? z : y, odd ? y : z);
-    }
-    const int32_t a = scene_vertex(s, -0.9, -0.8, -0.5), b = scene_vertex(s, 1.1, -0.85, -0.3),
-                  c = scene_vertex(s, 0.95, 0.9, -0.6), d = scene_vertex(s, -0.85, 0.8, 0.2);
-    scene_face(s, a, b, c), scene_face(s, a, c, d);
-    set_beam(s, 3, -1, 2);
-}
-
 static void test_subdivided(void **state) {
     (void)state;
     static Scene level[3];
     static int32_t between[2][SCENE_VERTICES][2];
     static double want[MOST_FLOATS], got[MOST_FLOATS];
-    ball_and_plate(&level[0]);
+    scene_ball_and_plate(&level[0]);
     const uint32_t n = gradient_of_linear(&level[0], 1, want);
     double scale = 0;
     for (uint32_t i = 0; i < n; i++) scale = fmax(scale, fabs(want[i]));
     for (int k = 1; k < 3; k++) {
-        subdivide(&level[k - 1], &level[k], between[k - 1]);
+        scene_subdivide(&level[k - 1], &level[k], between[k - 1]);
         gradient_of_linear(&level[k], k == 1 ? 4 : 16, got);
         if (k == 1) { /* a vertex between two edges that are one line moves them apart */
             double error = worst(&level[k], linear_of(4, (char[1024]){0}));
@@ -267,7 +220,7 @@ static void test_same_bits(void **state) {
     static Scene s;
     s = (Scene){0};
     scene_soup(&s, 40, 0.9, &seed);
-    set_beam(&s, 3, -1, 2);
+    scene_beam(&s, 3, -1, 2);
     for (int f64 = 0; f64 < 2; f64++) {
         static float image[2][SIZE * SIZE];
         static double gradient[2][MOST_FLOATS];
@@ -295,7 +248,7 @@ static void test_forwards(void **state) {
     static Scene s;
     s = (Scene){0};
     scene_soup(&s, 30, 0.9, &seed);
-    set_beam(&s, 3, -1, 2);
+    scene_beam(&s, 3, -1, 2);
     SltOptions opt = precision(true);
     SltProgram *p = compile(&s, beam_by_pixel, everything, &opt);
     static float image[SIZE * SIZE], tangent[SIZE * SIZE];

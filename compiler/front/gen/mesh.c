@@ -139,15 +139,7 @@ static Val trace(Lower *l, Expr *e, const Symbol *sym, const Ray *r, const Val *
  * linear there; of the moments likewise, of products of two linear functions. So its area is what was found and the
  * ghost of that sum (OP_ghost), with the ends of the sides held. */
 
-enum {
-    BEAM_EYE = 0,
-    BEAM_CORNER = 3,
-    BEAM_U = 6,
-    BEAM_V = 9,
-    PIECE_UNIT = 12,
-    PIECE_MESH = 13, /* 1 + the number of its geometry */
-    PIECE_BEAM = 14
-}; /* among their parts */
+enum { BEAM_EYE = 0, BEAM_CORNER = 3, BEAM_U = 6, BEAM_V = 9 }; /* among its parts */
 
 typedef struct Beam {
     const Symbol *sym;
@@ -287,6 +279,11 @@ Inst *gen_begun(Lower *l, uint32_t geometry, Span span) {
     return l->begun = ir_emit1(&at, OP_i2f, begin);
 }
 
+Inst *gen_piece_unit(Lower *l, uint32_t geometry, const Val *piece) {
+    Inst *own = op2(l, OP_ieq, piece->c[PIECE_MESH], ki(l, 1 + (int32_t)geometry));
+    return sel(l, own, piece->c[PIECE_UNIT], ki(l, 0));
+}
+
 static Val first(Lower *l, Expr *e, const Symbol *sym) {
     Val beam = gen_expr(l, e->args[0]);
     uint32_t geometry = gen_geometry_number(l, (Searched){.sym = sym});
@@ -303,9 +300,7 @@ static Val first(Lower *l, Expr *e, const Symbol *sym) {
 static Val next(Lower *l, Expr *e, const Symbol *sym) {
     Val q = gen_expr(l, e->args[0]);
     const Beam b = {.sym = sym, .geometry = gen_geometry_number(l, (Searched){.sym = sym})};
-    /* A piece of another mesh has no next one. */
-    Inst *own = op2(l, OP_ieq, q.c[PIECE_MESH], ki(l, 1 + (int32_t)b.geometry));
-    Inst *unit = told(l, &b, SLT_PIECE_NEXT, sel(l, own, q.c[PIECE_UNIT], ki(l, 0)), TY_INT);
+    Inst *unit = told(l, &b, SLT_PIECE_NEXT, gen_piece_unit(l, b.geometry, &q), TY_INT);
     return piece_of(l, e->type, sym, unit, q.c + PIECE_BEAM);
 }
 
@@ -384,7 +379,7 @@ static void want_exact_numbers(Lower *l, const Symbol *sym) {
 
 /* ---- normals that bend with the surface */
 
-enum { HIT_P = 2, HIT_FACE = 12, PIECE_P = 4, PIECE_TRI = 10 }; /* among the parts of a MeshHit, of a Piece */
+enum { HIT_P = 2, HIT_FACE = 12 }; /* among the parts of a MeshHit */
 
 /* Normals of the corners, weighted by the areas that p cuts the triangle into. */
 static Val smooth_normal(Lower *l, Expr *e, const Symbol *sym) {
@@ -422,7 +417,8 @@ Val gen_mesh(Lower *l, Expr *e, const Symbol *sym) {
     if (e->method == M_MESH_FIRST) return first(l, e, sym);
     if (e->method == M_MESH_NEXT) return next(l, e, sym);
     if (e->method == M_MESH_SMOOTH || e->method == M_MESH_SMOOTH_PIECE) return smooth_normal(l, e, sym);
-    if (e->method == M_MESH_IRRADIANCE || e->method == M_MESH_LTC) return gen_mesh_light(l, e, sym);
+    if (e->method == M_MESH_IRRADIANCE || e->method == M_MESH_LTC || e->method == M_MESH_LIT)
+        return gen_mesh_light(l, e, sym);
     Val o = gen_expr(l, e->args[0]), d = gen_expr(l, e->args[1]);
     Inst *t0 = gen_scalar(l, e->args[2]), *t1 = gen_scalar(l, e->args[3]);
     Ray r = {.x = o.c[0], .y = o.c[1], .z = o.c[2], .dx = d.c[0], .dy = d.c[1], .dz = d.c[2], .t0 = t0, .t1 = t1};

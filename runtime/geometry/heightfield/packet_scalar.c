@@ -39,7 +39,7 @@ void field_scalar_count(const Field *f, SltQuery what, const void *heights, cons
     case SLT_QUERY_SHADOW: run(f, SLT_QUERY_SHADOW, heights, rays, mask, width, id, counts); break;                                                                         \
     case SLT_QUERY_SILHOUETTE: run(f, SLT_QUERY_SILHOUETTE, heights, rays, mask, width, id, counts); break;                                                                 \
     case SLT_QUERY_RISE: run(f, SLT_QUERY_RISE, heights, rays, mask, width, id, counts); break;                                                                             \
-    case SLT_QUERY_BEGIN: case SLT_QUERY_PIECES: case SLT_QUERY_SEEN: case SLT_QUERY_BETWEEN: case SLT_QUERY_IRRADIANCE: case SLT_QUERY_LTC: case SLT_QUERY_BLOCKED: case SLT_QUERY_LINE: \
+    case SLT_QUERY_BEGIN: case SLT_QUERY_PIECES: case SLT_QUERY_SEEN: case SLT_QUERY_BETWEEN: case SLT_QUERY_IRRADIANCE: case SLT_QUERY_LTC: case SLT_QUERY_LIT: case SLT_QUERY_BLOCKED: case SLT_QUERY_LINE: \
     case SLT_QUERIES: break;                                                                                                                                           \
     }
     if (f->f64) COUNT(packet_run_f64x1)

@@ -2,6 +2,7 @@
 #include <float.h>
 #include <math.h>
 
+#include "beam.h"
 #include "window.h"
 
 #if defined(__AVX2__)
@@ -10,6 +11,7 @@
 
 #include "cover.inc.h"
 #include "facets.inc.h"
+#include "beam.inc.h"
 #include "sheet.inc.h"
 
 const FacetSearch facets_avx2 = {.read = read,
@@ -19,4 +21,5 @@ const FacetSearch facets_avx2 = {.read = read,
                                  .sheets = measure_sheets,
                                  .cover = cover_all,
                                  .split = split};
+const BeamSearch beam_avx2 = {.boxes = beam_boxes, .triangles = beam_triangles};
 #endif

@@ -2,6 +2,7 @@
 #include <float.h>
 #include <math.h>
 
+#include "beam.h"
 #include "window.h"
 
 #include "lanes.h"
@@ -9,6 +10,7 @@
 
 #include "cover.inc.h"
 #include "facets.inc.h"
+#include "beam.inc.h"
 #include "sheet.inc.h"
 
 const FacetSearch facets_plain = {.read = read,
@@ -18,3 +20,4 @@ const FacetSearch facets_plain = {.read = read,
                                   .sheets = measure_sheets,
                                   .cover = cover_all,
                                   .split = split};
+const BeamSearch beam_plain = {.boxes = beam_boxes, .triangles = beam_triangles};

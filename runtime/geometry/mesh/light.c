@@ -26,7 +26,7 @@ static void release(void *p) {
 
 static void make_key(void) { (void)pthread_key_create(&key, release); }
 
-static LightStore *store(void) {
+LightStore *light_store(void) {
     if (own) return own;
     pthread_once(&once, make_key);
     own = calloc(1, sizeof *own);
@@ -83,13 +83,18 @@ static Shine light_set(Light *l, const void *rays, uint32_t width, bool lobe, Lt
 
 /* What follows from T; the segments that no mesh makes. */
 static void light_prepare(Light *l) {
-    LightStore *s = l->store;
     vec_map(l->map, l->c, l->cm);
     vec_map(l->map, l->u, l->um);
     vec_map(l->map, l->v, l->vm);
     vec_cross(l->um, l->vm, l->uv);
     vec_cross(l->cm, l->vm, l->cv);
     vec_cross(l->cm, l->um, l->cu);
+    light_borders(l);
+}
+
+void light_borders(Light *l) {
+    LightStore *s = l->store;
+    l->nborder = LINE_MESH;
     s->edge.n = s->triangle.n = s->segment.n = s->facet.n = s->list.n = s->piece.n = s->lit.n = 0;
     static const double border[4][3] = {{0, 1, 0}, {-1, 0, 1}, {0, -1, 1}, {1, 0, 0}};
     for (int k = 0; k < LINE_MESH; k++) {
@@ -100,10 +105,10 @@ static void light_prepare(Light *l) {
     }
 }
 
-static bool wants_triangles(const Light *l) {
+bool light_wants_triangles(const Light *l) {
     const LightStore *s = l->store;
     if (l->s->way != LIGHT_BY_COUNTS) return l->s->way == LIGHT_TRIANGLES;
-    return s->segment.n - LINE_MESH > s->triangle.n;
+    return s->segment.n - l->nborder > s->triangle.n;
 }
 
 /* What n, view and roughness change by T and by the amplitude. */
@@ -119,8 +124,7 @@ static void add_lobe(const Light *l, const Ltc *ltc, const LightSlopes *s, doubl
     slope[SLT_LIGHT_ROUGHNESS] = by[LTC_ROUGHNESS];
 }
 
-/* The unit of the answer. edge: of which `n` are told, times scale. */
-static int32_t tell(const Light *l, const double *head, const LightEdge *edge, uint32_t n, double scale) {
+int32_t light_tell(const Light *l, const double *head, const LightEdge *edge, uint32_t n, double scale) {
     int32_t first = 0;
     for (uint32_t k = 0; k < SLT_LIGHT_EDGES; k++) {
         const uint32_t unit = pieces_tell(l->f64, head + k * SLT_TOLD, k == 0 ? SLT_LIGHT_COUNT + 1 : 0);
@@ -141,7 +145,7 @@ static void search(Light *l) {
     LightStore *s = l->store;
     light_gather(l);
     if (l->s->way != LIGHT_TRIANGLES && !l->lost) light_edges(l);
-    const bool facets = wants_triangles(l);
+    const bool facets = light_wants_triangles(l);
     if (facets) s->segment.n = LINE_MESH, light_facets(l);
     if (!l->lost) light_look(l, facets);
 }
@@ -169,7 +173,7 @@ static int32_t answer(Light *l, const Ltc *ltc, uint32_t lane) {
         slope[SLT_LIGHT_V + i] = scale * slopes.u[i];
     }
     if (ltc) add_lobe(l, ltc, &slopes, slope);
-    const int32_t unit = tell(l, head, s->edge.data, s->edge.n, scale);
+    const int32_t unit = light_tell(l, head, s->edge.data, s->edge.n, scale);
     l->lost = !unit;
     return unit;
 }
@@ -179,13 +183,13 @@ bool light_find(const LightScene *s, SltQuery what, const void *rays, uint64_t m
     const bool f64 = s->tree.bvh->f64, lobe = what == SLT_QUERY_LTC;
     bool all = true;
     for (uint32_t k = 0; k < width; k++) {
-        Light l = {.s = s, .store = store(), .f64 = f64};
+        Light l = {.s = s, .store = light_store(), .own = -1, .f64 = f64};
         Ltc ltc;
         witness[k] = 0;
         if (!(mask >> k & 1)) continue;
         switch (light_set(&l, (const char *)rays + k * (f64 ? sizeof(double) : sizeof(float)), width, lobe, &ltc)) {
         case DARK: continue;
-        case UNKNOWN: witness[k] = tell(&l, unknown, NULL, 0, 1); break;
+        case UNKNOWN: witness[k] = light_tell(&l, unknown, NULL, 0, 1); break;
         case SHINES:
             if (l.store) light_prepare(&l), witness[k] = answer(&l, lobe ? &ltc : NULL, k);
             break;

@@ -21,6 +21,7 @@
 #define SALTUS_MESH_LIGHT_H
 
 #include "adjacency.h"
+#include "beam.h"
 #include "rays.h"
 #include "saltus/query.h"
 
@@ -33,7 +34,8 @@ typedef enum LightWay {
 typedef struct LightScene {
     BvhScene tree;
     const Adjacency *adjacency;
-    BvhSearch *search;  /* of the tree's precision */
+    BvhSearch *search; /* of the tree's precision */
+    const BeamSearch *beam;
     const void *values; /* the vertices */
     LightWay way;
     bool both; /* IRRADIANCE and LTC of one receiver: what one has found serves the other, until pieces_begin */

@@ -24,7 +24,8 @@ static Facing facing_by(const Light *l, double det, double square) {
 }
 
 /* What is not finite hides nothing. */
-Facing light_facing(const Light *l, double at[3][3]) {
+Facing light_facing(const Light *l, int32_t triangle, double at[3][3]) {
+    if (triangle == l->own) return FACING_BEYOND;
     double p[3], q[3], normal[3], least = HUGE_VAL;
     vec_minus(at[1], at[0], p);
     vec_minus(at[2], at[0], q);
@@ -37,38 +38,11 @@ Facing light_facing(const Light *l, double at[3][3]) {
 
 /* ---- triangles */
 
-typedef struct Plane {
-    double normal[3], off; /* inside: normal . (x - p) + off >= 0 */
-} Plane;
 enum { PLANES = 6 };
 
-/* Which children of a node are not wholly outside one of the planes. */
-static uint32_t inside(const Light *l, const Plane *plane, const BvhNode *n) {
-    double at[2][3][BVH_WIDTH], most[BVH_WIDTH], size[BVH_WIDTH];
-    const double slack = l->s->tree.slack;
-    uint32_t in = 0;
-    for (int a = 0; a < 3; a++)
-        for (int k = 0; k < BVH_WIDTH; k++) {
-            at[0][a][k] = ((double)n->lo[a][k] - l->p[a]) - slack;
-            at[1][a][k] = ((double)n->hi[a][k] - l->p[a]) + slack;
-        }
-    for (int k = 0; k < BVH_WIDTH; k++)
-        if (n->child[k] && n->lo[0][k] <= n->hi[0][k]) in |= 1u << k;
-    for (int i = 0; i < PLANES && in; i++) {
-        for (int k = 0; k < BVH_WIDTH; k++) most[k] = plane[i].off, size[k] = fabs(plane[i].off);
-        for (int a = 0; a < 3; a++) {
-            const double by = plane[i].normal[a], *x = at[by > 0][a];
-            for (int k = 0; k < BVH_WIDTH; k++) most[k] += by * x[k], size[k] += fabs(by * x[k]);
-        }
-        for (int k = 0; k < BVH_WIDTH; k++)
-            if (most[k] < -1e-12 * size[k]) in &= ~(1u << k);
-    }
-    return in;
-}
-
-static void set_planes(const Light *l, Plane plane[PLANES]) {
+static void set_planes(const Light *l, BeamPlane plane[PLANES]) {
     for (int i = 0; i < 2; i++) {
-        plane[2 * i] = plane[2 * i + 1] = (Plane){.off = 0};
+        plane[2 * i] = plane[2 * i + 1] = (BeamPlane){.off = 0};
         for (int a = 0; a < 3; a++) {
             plane[2 * i].normal[a] = l->row[i][a];
             plane[2 * i + 1].normal[a] = l->row[2][a] - l->row[i][a];
@@ -102,7 +76,7 @@ static Facing known(const Light *l, int32_t triangle) {
     if (s >> 2 == l->store->stamps) return (Facing)(s & 3);
     double at[3][3];
     light_corners(l, triangle, at);
-    return note(l, triangle, light_facing(l, at));
+    return note(l, triangle, light_facing(l, triangle, at));
 }
 
 static bool forget(Light *l) {
@@ -144,15 +118,17 @@ static void face_leaf(const Light *l, double at[3][3][BVH_LEAF], const int32_t t
     }
 }
 
-static void take_leaf(Light *l, int32_t leaf) {
+static void take_leaf(Light *l, const BeamPlane *plane, int32_t leaf) {
     const Bvh *b = l->s->tree.bvh;
     double at[3][3][BVH_LEAF];
     const BvhLeaf64 *f64 = b->f64 ? (const BvhLeaf64 *)b->leaf + leaf : NULL;
     const BvhLeaf32 *f32 = b->f64 ? NULL : (const BvhLeaf32 *)b->leaf + leaf;
     const int32_t *triangle = f64 ? f64->triangle : f32->triangle;
+    const bool moved = l->s->tree.moved;
+    const uint32_t in = l->lit && !moved ? l->s->beam->triangles(b, leaf, plane, l->nplanes, l->p) : ~0u;
     for (int i = 0; i < BVH_LEAF; i++)
-        if (triangle[i] >= 0 && !ROW_ADD(l->store->triangle, triangle[i])) l->lost = true;
-    if (l->s->tree.moved) return;
+        if (in >> i & 1 && triangle[i] >= 0 && !ROW_ADD(l->store->triangle, triangle[i])) l->lost = true;
+    if (l->lit || moved) return;
     for (int c = 0; c < 3; c++)
         for (int a = 0; a < 3; a++)
             for (int i = 0; i < BVH_LEAF; i++) at[c][a][i] = f64 ? f64->at[c][a][i] : (double)f32->at[c][a][i];
@@ -161,7 +137,7 @@ static void take_leaf(Light *l, int32_t leaf) {
 
 void light_gather(Light *l) {
     const Bvh *b = l->s->tree.bvh;
-    Plane plane[PLANES];
+    BeamPlane plane[PLANES];
     int32_t stack[BVH_STACK];
     uint32_t depth = 0;
     if (!forget(l)) {
@@ -169,17 +145,18 @@ void light_gather(Light *l) {
         return;
     }
     set_planes(l, plane);
+    l->nplanes = l->lit ? PLANES - 1 : PLANES;
     l->through = reaches(l, &b->node[0]);
     stack[depth++] = 0;
     while (depth) {
         const BvhNode *n = &b->node[stack[--depth]];
-        for (uint32_t in = inside(l, plane, n); in; in &= in - 1) {
+        for (uint32_t in = l->s->beam->boxes(n, plane, l->nplanes, l->p, l->s->tree.slack); in; in &= in - 1) {
             const int32_t child = n->child[__builtin_ctz(in)];
             if (child >= 0) {
                 stack[depth++] = child;
                 continue;
             }
-            take_leaf(l, ~child);
+            take_leaf(l, plane, ~child);
         }
     }
 }
@@ -228,20 +205,32 @@ static bool clip_edge(const Light *l, const double a[3], const double b[3], doub
     return isfinite(end[0][0] + end[0][1] + end[1][0] + end[1][1]);
 }
 
+/* A side of the triangle that the window lies on? It cuts nothing of it; rounding must not say otherwise. */
+static bool is_own(const Light *l, int32_t a, int32_t b) {
+    if (l->own < 0) return false;
+    const int32_t *face = l->s->tree.bvh->face + 3 * (size_t)l->own;
+    return (a == face[0] || a == face[1] || a == face[2]) && (b == face[0] || b == face[1] || b == face[2]);
+}
+
 static void add_edge(Light *l, const int32_t *face, double at[3][3], int k) {
     int a = k, b = (k + 1) % 3;
     double end[2][2], normal[3];
     if (face[a] > face[b]) a = b, b = k;
-    if (!clip_edge(l, at[a], at[b], end)) return;
+    if (is_own(l, face[a], face[b]) || !clip_edge(l, at[a], at[b], end)) return;
     vec_cross(at[a], at[b], normal);
     add_segment(l, normal, end, SEGMENT_EDGE, face[a], face[b]);
 }
 
-/* Where the triangle passes through the light's plane; false: nowhere. normal: of the difference of 1 / h_z. */
+/* Where the triangle passes through the light's plane; false: nowhere. normal: of the difference of 1 / h_z. What lies
+ * on a piece's plane, within rounding, does not pass it: an edge there ends a shadow as others do. */
 static bool cut_by_light(const Light *l, double at[3][3], double end[2][2], double normal[3]) {
     double h[3][3], p[3], q[3], m[3], light, det;
-    int n = 0;
-    for (int k = 0; k < 3; k++) vec_map(l->row, at[k], h[k]);
+    int n = 0, on = 0;
+    for (int k = 0; k < 3; k++) {
+        vec_map(l->row, at[k], h[k]);
+        if (l->lit && fabs(h[k][2] - 1) <= 1 - l->beyond) h[k][2] = 1, on++;
+    }
+    if (on > 1) return false;
     for (int k = 0; k < 3; k++) {
         const double *a = h[k], *b = h[(k + 1) % 3];
         if ((a[2] < 1) == (b[2] < 1) || n == 2) continue;
@@ -306,13 +295,26 @@ void light_edges(Light *l) {
 
 /* ---- triangle by triangle */
 
+/* The last segment is a side of the own triangle, which is wholly on one side of it. */
+static void keep_whole(Light *l, const double normal[3]) {
+    double at[3][3], most = 0;
+    Segment *s = &l->store->segment.data[l->store->segment.n - 1];
+    if (l->lost) return;
+    light_corners(l, l->own, at);
+    for (int k = 0; k < 3; k++) {
+        const double g = vec_dot(normal, at[k]);
+        if (fabs(g) > fabs(most)) most = g;
+    }
+    s->g[0] = s->g[1] = 0, s->g[2] = most < 0 ? -1 : 1;
+}
+
 void light_facets(Light *l) {
     LightStore *store = l->store;
     for (uint32_t i = 0; i < store->triangle.n; i++) {
         const int32_t triangle = store->triangle.data[i], *face = l->s->tree.bvh->face + 3 * (size_t)triangle;
         double at[3][3], end[2][2], normal[3];
         light_corners(l, triangle, at);
-        const Facing facing = light_facing(l, at);
+        const Facing facing = light_facing(l, triangle, at);
         if (facing < FACING_TO) continue;
         Facet f = {.line = store->segment.n};
         for (int k = 0; k < 3; k++) {
@@ -322,12 +324,15 @@ void light_facets(Light *l) {
             if (!clip_edge(l, at[a], at[b], end)) end[0][0] = end[1][0] = end[0][1] = end[1][1] = -1;
             vec_cross(at[a], at[b], normal);
             add_segment(l, normal, end, SEGMENT_EDGE, face[a], face[b]);
+            if (is_own(l, face[a], face[b])) keep_whole(l, normal);
         }
         f.cut = l->through && cut_by_light(l, at, end, normal);
         if (f.cut) add_segment(l, normal, end, SEGMENT_PLANE, triangle, triangle);
         if (!ROW_ADD(store->facet, f)) l->lost = true;
     }
 }
+
+bool light_hides_some(const Light *l, int32_t triangle) { return known(l, triangle) >= FACING_TO; }
 
 bool light_hides(const Light *l, int32_t triangle, double u, double v) {
     double at[3][3], d[3], normal[3], sum = 0;

@@ -5,11 +5,14 @@
  * light_pieces.c  sub-windows, pieces, which are lit
  * light_kept.c    what the other query of the same receiver has found
  * light_sum.c     what a piece adds, and its sides' J
- * light_turn.c    from J to derivatives */
+ * light_turn.c    from J to derivatives
+ * lit.c           the other query: p is a point light, the light a window on a piece's plane
+ * lit_turn.c      its derivatives */
 #ifndef SALTUS_MESH_LIGHT_INNER_H
 #define SALTUS_MESH_LIGHT_INNER_H
 
 #include "light.h"
+#include "outline.h"
 
 #include "rows.h"
 #include "vec.h"
@@ -28,7 +31,8 @@ typedef enum SegmentKind {
     SEGMENT_HORIZON, /* n . w = 0 */
     SEGMENT_FIXED,   /* cuts that do not move, and the horizon of the lobe, where nothing shines */
     SEGMENT_EDGE,    /* between vertices a < b */
-    SEGMENT_PLANE    /* where triangle a meets the light's plane */
+    SEGMENT_PLANE,   /* where triangle a meets the light's plane */
+    SEGMENT_PIECE    /* a side of what is lit: part a of its outline, of which b further ones follow; g > 0 inside */
 } SegmentKind;
 /* Numbers of segments: borders come first. */
 enum { LINE_HORIZON = 4, LINE_FIXED, LINE_MESH };
@@ -39,7 +43,8 @@ typedef struct Segment {
     double g[3];
     double from, to; /* along (-g1, g0) */
     double end[2][2], low[2], high[2];
-    double j[3]; /* sum of J over sides of lit pieces, positive where the piece is on the side g > 0 */
+    double j[3]; /* sum of J over sides of lit pieces, positive where the piece is on the side g > 0 (of Lit: of the
+                    side's length in (s, t) times (s, t, 1) at its middle) */
     int32_t a, b;
     SegmentKind kind;
 } Segment;
@@ -100,9 +105,29 @@ typedef struct LightStore {
     Kept kept[LIGHT_SLOTS];
 } LightStore;
 
+/* The other query: p is a point light, the window lies on the plane of a piece's triangle around the piece. */
+typedef struct Lit {
+    Outline piece;
+    double corner[3][3], normal[3], det; /* of its triangle, from the camera's eye; det = corner . normal */
+    double eye[3];                       /* from the light */
+    double to_camera[3][3];              /* of (u, v, 1), a multiple of (s, t, 1) */
+    double turn;                         /* -1: (s, t) is (u, v) mirrored; else 1 */
+    Polygon polygon;                     /* the piece, in (u, v) */
+    double area;                         /* of what is lit, in (s, t) */
+} Lit;
+
+/* Derivatives of that area. */
+typedef struct LitSlopes {
+    double eye[3], corner[3], u[3], v[3], light[3];
+} LitSlopes;
+
 typedef struct Light {
     const LightScene *s;
     LightStore *store;
+    Lit *lit;         /* NULL: of an area light */
+    int32_t own;      /* the triangle that the window lies on, which hides nothing; -1: none */
+    int nplanes;      /* of the beam: a point light has no horizon */
+    uint32_t nborder; /* segments before those of the mesh */
     bool f64, lost;
     bool touches;                        /* p lies on a triangle in the beam, as far as rounding can tell */
     bool through;                        /* some of the mesh is on the light's plane or behind it */
@@ -131,12 +156,14 @@ typedef enum Facing { FACING_NOT, FACING_BEYOND, FACING_TO, FACING_AWAY } Facing
 /* From p. */
 void light_vertex(const Light *l, int32_t vertex, double at[3]);
 void light_corners(const Light *l, int32_t triangle, double at[3][3]);
-Facing light_facing(const Light *l, double at[3][3]);
+Facing light_facing(const Light *l, int32_t triangle, double at[3][3]);
 /* Segments 0 .. LINE_MESH - 1, and the triangles that may hide something. */
 void light_gather(Light *l);
 void light_edges(Light *l);  /* the way of silhouettes: all further segments */
 void light_facets(Light *l); /* the other: facets and their segments */
 bool light_hides(const Light *l, int32_t triangle, double u, double v);
+
+bool light_hides_some(const Light *l, int32_t triangle); /* it does, somewhere */
 
 /* light_pieces.c */
 void light_look(Light *l, bool facets); /* the rows `shown` and `near` */
@@ -147,8 +174,21 @@ void light_shine(Light *l);             /* adds what is shown, above the lobe's 
 bool light_recall(Light *l, uint32_t lane);
 void light_keep(Light *l, uint32_t lane);
 
+/* light.c */
+LightStore *light_store(void); /* of the thread; NULL: out of memory */
+void light_borders(Light *l);  /* segments 0 .. LINE_MESH - 1; all rows are empty but for them */
+bool light_wants_triangles(const Light *l);
+/* The unit of the answer, 0: out of memory. head: SLT_LIGHT_EDGES units; edge: of which `n` are told, times scale. */
+int32_t light_tell(const Light *l, const double *head, const LightEdge *edge, uint32_t n, double scale);
+
 /* light_sum.c */
 void light_add(Light *l, const Polygon *p, const uint32_t *list, uint32_t n);
+
+/* lit.c */
+void lit_add(Light *l, const Polygon *p); /* its area */
+void lit_add_side(const Light *l, const double from[2], const double to[2], double sign, double j[3]);
+/* lit_turn.c: makes the row of edges. */
+void lit_turn(Light *l, LitSlopes *s);
 
 /* light_turn.c */
 /* Makes the row of edges. */

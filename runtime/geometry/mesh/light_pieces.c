@@ -109,9 +109,15 @@ static void keep(Light *l, const Polygon *p) {
 }
 
 /* The window as far as it is above the receiver's horizon: that of the lobe clips what is lit, for both queries find
- * the same. */
+ * the same. Of a piece, as far as it is the piece. */
 static void above(const Light *l, const Window *w, Polygon *p) {
     Polygon below;
+    if (l->lit) {
+        const double line[4][3] = {{0, 1, -w->lo[1]}, {-1, 0, w->hi[0]}, {0, -1, w->hi[1]}, {1, 0, -w->lo[0]}};
+        copy(p, &l->lit->polygon);
+        for (int k = 0; k < 4; k++) split(p, line[k], 1, LINE_FIXED, &below);
+        return;
+    }
     rectangle(w, p);
     split(p, l->clip[0], 1, LINE_HORIZON, &below);
 }
@@ -191,8 +197,21 @@ static void ask(Light *l, uint32_t from, uint32_t n) {
     }
 }
 
+/* The same by all triangles, of which there are few. */
+static void ask_all(Light *l, uint32_t n) {
+    LightStore *store = l->store;
+    for (uint32_t k = 0; k < n; k++) {
+        const Polygon *p = &store->piece.data[k];
+        double u = 0, v = 0;
+        for (uint32_t i = 0; i < p->n; i++) u += p->u[i] / p->n, v += p->v[i] / p->n;
+        bool dark = false;
+        for (uint32_t i = 0; i < store->triangle.n && !dark; i++) dark = light_hides(l, store->triangle.data[i], u, v);
+        store->lit.data[k] = !dark;
+    }
+}
+
 static void find_lit(Light *l) {
-    enum { AT_ONCE = 32 };
+    enum { AT_ONCE = 32, FEW_TRIANGLES = 32 };
     LightStore *store = l->store;
     store->lit.n = 0;
     for (uint32_t i = 0; i < store->piece.n; i++)
@@ -204,6 +223,10 @@ static void find_lit(Light *l) {
     for (uint32_t i = 0; i < store->piece.n; i++)
         if (store->piece.data[i].n >= 3 && n++ < i) set(l, n - 1, &store->piece.data[i]);
     store->piece.n = n;
+    if (l->lit && store->triangle.n <= FEW_TRIANGLES) {
+        ask_all(l, n);
+        return;
+    }
     for (uint32_t i = 0; i < n && store->triangle.n; i += AT_ONCE) ask(l, i, n - i < AT_ONCE ? n - i : AT_ONCE);
 }
 
@@ -333,7 +356,7 @@ void light_look(Light *l, bool facets) {
     LightStore *store = l->store;
     const uint32_t n = facets ? store->facet.n : store->segment.n;
     store->list.n = store->shown.n = store->near.n = 0;
-    for (uint32_t i = facets ? 0 : LINE_MESH; i < n; i++)
+    for (uint32_t i = facets ? 0 : l->nborder; i < n; i++)
         if (!ROW_ADD(store->list, i)) l->lost = true;
     if (!l->lost) look(l, 0, store->list.n, &(Window){{0, 0}, {1, 1}}, 0, facets);
 }

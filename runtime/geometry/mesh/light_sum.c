@@ -32,6 +32,10 @@ static void direction(const Light *l, double u, double v, double q[3]) {
 
 /* to += sign * J of the arc between two places of the window. */
 static void add_j(const Light *l, const double from[2], const double to[2], double sign, double j[3]) {
+    if (l->lit) {
+        lit_add_side(l, from, to, sign, j);
+        return;
+    }
     double q[2][3], e[2][3], normal[3], n[2], length[2];
     direction(l, from[0], from[1], q[0]);
     direction(l, to[0], to[1], q[1]);
@@ -108,8 +112,12 @@ static void add_side(Light *l, const double from[2], const double to[2], uint32_
         side.along[i] = s->g[0] * at[1] - s->g[1] * at[0];
     }
     const double sign = side.along[1] < side.along[0] ? 1 : -1;
-    if (s->kind == SEGMENT_BORDER || s->kind == SEGMENT_HORIZON) {
+    if (s->kind == SEGMENT_BORDER || s->kind == SEGMENT_HORIZON || (s->kind == SEGMENT_PIECE && !s->b)) {
         add_j(l, from, to, sign, s->j);
+        return;
+    }
+    if (s->kind == SEGMENT_PIECE) {
+        for (const Segment *last = s + s->b; s <= last; s++) add_between(l, &side, s->from, s->to, s, sign);
         return;
     }
     add_between(l, &side, s->from, s->to, s, sign);
@@ -121,6 +129,14 @@ static void add_side(Light *l, const double from[2], const double to[2], uint32_
 
 void light_add(Light *l, const Polygon *p, const uint32_t *list, uint32_t n) {
     double q[LIGHT_CORNERS][3];
+    if (l->lit) {
+        lit_add(l, p);
+        for (uint32_t k = 0; k < p->n; k++) {
+            const uint32_t next = k + 1 < p->n ? k + 1 : 0;
+            add_side(l, (double[2]){p->u[k], p->v[k]}, (double[2]){p->u[next], p->v[next]}, p->side[k], list, n);
+        }
+        return;
+    }
     for (uint32_t k = 0; k < p->n; k++) direction(l, p->u[k], p->v[k], q[k]);
     for (uint32_t k = 0; k < p->n; k++) {
         const uint32_t next = k + 1 < p->n ? k + 1 : 0;

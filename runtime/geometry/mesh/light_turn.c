@@ -145,7 +145,8 @@ static void turn_triangle(Light *l, LightSlopes *s, const Segment *segment) {
 static void turn_segment(Light *l, LightSlopes *s, const Segment *segment, int number) {
     Point p[2];
     switch (segment->kind) {
-    case SEGMENT_FIXED: return;
+    case SEGMENT_FIXED:
+    case SEGMENT_PIECE: return;
     case SEGMENT_BORDER: turn_border(l, s, segment->j, number); return;
     case SEGMENT_HORIZON: turn_horizon(l, s, segment->j); return;
     case SEGMENT_PLANE: turn_triangle(l, s, segment); return;

@@ -138,8 +138,17 @@ static void look(Search *s, uint32_t from, uint32_t n, const Rectangle *r, int h
     }
 }
 
+/* Pieces that are outlined are so in the last beam of the row. */
+static __attribute__((noinline)) void keep_beam(Search *s) {
+    OutlineBeam b;
+    memcpy(b.eye, s->window.eye, sizeof b.eye), memcpy(b.c, s->window.c, sizeof b.c);
+    memcpy(b.u, s->window.u, sizeof b.u), memcpy(b.v, s->window.v, sizeof b.v);
+    (void)PUSH(s->store, s->store->beam, b);
+}
+
 static void look_through(Search *s, Candidate *c, uint32_t n) {
     Store *store = s->store;
+    if (s->scene->outlined) keep_beam(s);
     if (n == 1 && c->fills) {
         told_whole(s, c->triangle);
         return;
@@ -147,7 +156,7 @@ static void look_through(Search *s, Candidate *c, uint32_t n) {
     if (n <= FEW_FACETS) {
         uint8_t order[FEW_FACETS];
         order_few(c, n, order);
-        if (n >= 2 && told_sheet(s, c, n, order)) return;
+        if (n >= 2 && !s->scene->outlined && told_sheet(s, c, n, order)) return;
         Candidate *sorted = store->found.data; /* nobody needs these any more, of which c are some */
         for (uint32_t i = 0; i < n; i++) sorted[i] = c[order[i]];
         c = sorted;
@@ -210,7 +219,7 @@ bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint3
         neighbours(&beams, base, width, &lie, &all, &group);
         scene->facets->list(&s, &window, &all);
         scene->facets->survey(&s, &beams, &lie, &group);
-        scene->facets->sheets(&s, &beams, &group);
+        if (!scene->outlined) scene->facets->sheets(&s, &beams, &group);
         s.alike = group.alike;
         for (uint32_t k = base; k <= group.last; k++) {
             if (!(beams.mask >> k & 1)) continue;

@@ -24,6 +24,7 @@ typedef struct PieceScene {
     BvhScene tree;
     const void *values;
     const Adjacency *adjacency; /* NULL: sides are not told */
+    bool outlined;              /* outline.h is asked later */
     const struct FacetSearch *facets;
 } PieceScene;
 

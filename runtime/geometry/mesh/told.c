@@ -26,7 +26,9 @@ static void release(void *p) {
     Store *s = p;
     free(s->unit), free(s->list.data), free(s->near.data), free(s->found.data), free(s->candidate.data);
     free(s->parts.data), free(s->facet.data);
-    free(s->chosen.data), free(s->crossing.data), free(s->piece.data), free(s->live.data), free(s->held.all), free(s);
+    free(s->chosen.data), free(s->crossing.data), free(s->piece.data), free(s->live.data), free(s->held.all);
+    free(s->beam.data), free(s->outline.data), free(s->corner.data), free(s->part.data);
+    free(s->answer.data), free(s);
 }
 
 static void make_key(void) { (void)pthread_key_create(&key, release); }
@@ -58,6 +60,7 @@ static void count_units(Store *s, uint32_t n) {
 static void empty(Store *s) {
     if (!s->n && !room_for_piece(s)) return;
     memset(&s->unit[1], 0, sizeof *s->unit);
+    s->beam.n = s->outline.n = s->corner.n = s->part.n = s->answer.n = 0;
     count_units(s, 1);
 }
 
@@ -71,10 +74,23 @@ Store *told_store(void) {
     return own;
 }
 
+/* Outlines stay of the pieces that do. */
+static void outlines_begin(Store *s) {
+    while (s->outline.n && s->outline.data[s->outline.n - 1].unit >= s->n) {
+        const OutlineRow *last = &s->outline.data[--s->outline.n];
+        s->corner.n = last->corner, s->part.n = last->part, s->beam.n = last->beam + 1;
+    }
+    s->answer.n = 0;
+}
+
 void pieces_begin(void) {
     begun++;
-    if (own && own->held.on && own->n) count_units(own, held_begin(&own->held, own->n));
-    else if (own) empty(own);
+    if (own && own->held.on && own->n) {
+        count_units(own, held_begin(&own->held, own->n));
+        outlines_begin(own);
+    } else if (own) {
+        empty(own);
+    }
 }
 
 Held *pieces_held(void) { return own && own->held.on ? &own->held : NULL; }
@@ -138,8 +154,67 @@ static uint32_t tell(Search *s, int32_t triangle, double area, double at_s, doub
     return unit;
 }
 
+/* ---- outlines */
+
+/* Parts from `part` on are those of its sides. */
+static __attribute__((noinline)) void outline_add(Search *s, uint32_t unit, int32_t triangle, const Polygon *p,
+                                                  uint32_t part) {
+    Store *store = s->store;
+    OutlineRow row = {.unit = unit,
+                      .beam = store->beam.n - 1,
+                      .corner = store->corner.n,
+                      .ncorners = p->n,
+                      .part = part,
+                      .nparts = store->part.n - part,
+                      .triangle = triangle};
+    for (uint32_t k = 0; k < p->n; k++)
+        if (!PUSH(store, store->corner, ((OutlinePlace){p->s[k], p->t[k]}))) return;
+    if (store->beam.n) (void)PUSH(store, store->outline, row);
+}
+
+bool outline_find(uint32_t unit, Outline *out) {
+    if (!own) return false;
+    uint32_t low = 0, high = own->outline.n;
+    while (low < high) {
+        const uint32_t middle = low + (high - low) / 2;
+        if (own->outline.data[middle].unit < unit) low = middle + 1;
+        else high = middle;
+    }
+    if (low == own->outline.n || own->outline.data[low].unit != unit) return false;
+    const OutlineRow *row = &own->outline.data[low];
+    *out = (Outline){.beam = own->beam.data + row->beam,
+                     .corner = own->corner.data + row->corner,
+                     .part = row->nparts ? own->part.data + row->part : NULL,
+                     .ncorners = row->ncorners,
+                     .nparts = row->nparts,
+                     .triangle = row->triangle,
+                     .row = low};
+    return true;
+}
+
+bool outline_recall(const Outline *o, const double light[3], int32_t *unit) {
+    const OutlineRow *row = &own->outline.data[o->row];
+    for (uint32_t i = row->begun == begun ? row->answer : 0; i; i = own->answer.data[i - 1].before) {
+        const OutlineAnswer *a = &own->answer.data[i - 1];
+        if (memcmp(a->light, light, sizeof a->light)) continue;
+        *unit = a->unit;
+        return true;
+    }
+    return false;
+}
+
+void outline_remember(const Outline *o, const double light[3], int32_t unit) {
+    OutlineRow *row = &own->outline.data[o->row];
+    OutlineAnswer a = {.unit = unit, .before = row->begun == begun ? row->answer : 0};
+    memcpy(a.light, light, sizeof a.light);
+    if (PUSH(own, own->answer, a)) row->answer = own->answer.n, row->begun = begun;
+}
+
 void told_whole(Search *s, int32_t triangle) {
-    if (room_for_piece(s->store)) tell(s, triangle, 1, 0.5, 0.5, 0);
+    static const Polygon window = {.n = 4, .s = {0, 1, 1, 0}, .t = {0, 0, 1, 1}};
+    if (!room_for_piece(s->store)) return;
+    const uint32_t unit = tell(s, triangle, 1, 0.5, 0.5, 0);
+    if (s->scene->outlined) outline_add(s, unit, triangle, &window, s->store->part.n);
 }
 
 /* ---- one sheet */
@@ -217,7 +292,21 @@ typedef struct Side {
     double g[3];     /* of its line */
     double length;
     uint32_t unit, count; /* of the piece's sides: the first, how many */
+    uint32_t corner;      /* where it begins */
 } Side;
+
+/* Kept for outlines. */
+static __attribute__((noinline)) void outline_part(Search *s, const Side *side, int32_t a, int32_t b, bool outside,
+                                                   double from, double to) {
+    const double ds = side->at[1][0] - side->at[0][0], dt = side->at[1][1] - side->at[0][1];
+    const OutlinePart part = {.from = {side->at[0][0] + from * ds, side->at[0][1] + from * dt},
+                              .to = {side->at[0][0] + to * ds, side->at[0][1] + to * dt},
+                              .a = a,
+                              .b = b,
+                              .side = side->corner,
+                              .outside = outside};
+    (void)PUSH(s->store, s->store->part, part);
+}
 
 /* The part from `from` to `to` of the way between the ends, on a line g = 0 with g > 0 on the left. */
 static void tell_side(Search *s, Side *side, int32_t a, int32_t b, const double g[3], double from, double to) {
@@ -231,6 +320,7 @@ static void tell_side(Search *s, Side *side, int32_t a, int32_t b, const double 
     put(s, unit, SLT_SIDE_WEIGHT, g[1] * ds - g[0] * dt < 0 ? -weight : weight);
     put(s, unit, SLT_SIDE_S0, side->at[0][0] + from * ds), put(s, unit, SLT_SIDE_T0, side->at[0][1] + from * dt);
     put(s, unit, SLT_SIDE_S1, side->at[0][0] + to * ds), put(s, unit, SLT_SIDE_T1, side->at[0][1] + to * dt);
+    if (s->scene->outlined) outline_part(s, side, a, b, g[1] * ds - g[0] * dt < 0, from, to);
 }
 
 /* Narrows from and to to where the directions of the side are on q's side of p, in the plane of both. */
@@ -332,6 +422,7 @@ static uint32_t tell_sides(Search *s, const Polygon *p) {
         const uint32_t next = k + 1 < p->n ? k + 1 : 0;
         const Window *w = &s->window;
         if (p->side[k] == SIDE_FIXED) continue;
+        side.corner = k;
         side.at[0][0] = p->s[k], side.at[0][1] = p->t[k], side.at[1][0] = p->s[next], side.at[1][1] = p->t[next];
         const double ds = side.at[1][0] - side.at[0][0], dt = side.at[1][1] - side.at[0][1];
         side.length = sqrt(ds * ds + dt * dt);
@@ -372,9 +463,14 @@ void told_piece(Search *s, const Polygon *p) {
         area += part, centre[0] += part * (as + bs), centre[1] += part * (at + bt);
     }
     if (!(area > 0) || !room_for_piece(s->store)) return;
-    const uint32_t sides = tell_sides(s, p);
-    if (sides > SLT_PIECE_MAX_SIDES) tell_in_two(s, p);
-    else
-        tell(s, s->store->facet.data[p->facet].triangle, area, p->s[0] + centre[0] / (3 * area),
-             p->t[0] + centre[1] / (3 * area), sides);
+    const uint32_t part = s->store->part.n, sides = tell_sides(s, p);
+    if (sides > SLT_PIECE_MAX_SIDES) {
+        s->store->part.n = part;
+        tell_in_two(s, p);
+        return;
+    }
+    const int32_t triangle = s->store->facet.data[p->facet].triangle;
+    const uint32_t unit =
+        tell(s, triangle, area, p->s[0] + centre[0] / (3 * area), p->t[0] + centre[1] / (3 * area), sides);
+    if (s->scene->outlined) outline_add(s, unit, triangle, p, part);
 }

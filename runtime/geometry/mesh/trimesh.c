@@ -3,6 +3,7 @@
 
 #include "boxes.h"
 #include "light.h"
+#include "lit.h"
 #include "pieces.h"
 #include "walk.h"
 
@@ -41,9 +42,19 @@ static const struct FacetSearch *facets(TrimeshIsa isa) {
     return &facets_plain;
 }
 
+static const BeamSearch *beams(TrimeshIsa isa) {
+#if defined(__x86_64__)
+    if (isa == TRIMESH_ISA_AVX512) return &beam_avx512;
+    if (isa == TRIMESH_ISA_AVX2) return &beam_avx2;
+#endif
+    (void)isa;
+    return &beam_plain;
+}
+
 /* ---- queries */
 
-static const uint32_t lighting = 1u << SLT_QUERY_IRRADIANCE | 1u << SLT_QUERY_LTC;
+static const uint32_t receivers = 1u << SLT_QUERY_IRRADIANCE | 1u << SLT_QUERY_LTC;
+static const uint32_t lighting = 1u << SLT_QUERY_IRRADIANCE | 1u << SLT_QUERY_LTC | 1u << SLT_QUERY_LIT;
 
 static BvhScene scene_of(const SltGeometry *g, const void *values) {
     const Trimesh *m = g->made;
@@ -119,8 +130,11 @@ static void find(const SltGeometry *g, const void *values, const void *rays, uin
     const Trimesh *m = g->made;
     Held *held = pieces_held();
     sides |= held && m->has_adjacency; /* who asks again may want them */
-    const PieceScene s = {
-        .tree = scene_of(g, values), .values = values, .adjacency = sides ? &m->adjacency : NULL, .facets = m->facets};
+    const PieceScene s = {.tree = scene_of(g, values),
+                          .values = values,
+                          .adjacency = sides ? &m->adjacency : NULL,
+                          .outlined = m->from.queries >> SLT_QUERY_LIT & 1,
+                          .facets = m->facets};
     uint32_t like[64];
     uint64_t own = asking(rays, m->from.f64, mask, width, SLT_BEAM_ROWS, SLT_BEAM_CORNER, like), known = 0;
     for (uint32_t k = 0; k < width; k++) witness[k] = 0;
@@ -156,14 +170,20 @@ static void seen(const SltGeometry *g, const void *values, const void *rays, uin
     find(g, values, rays, mask, width, false, witness);
 }
 
+static LightScene light_scene(const SltGeometry *g, const void *values) {
+    const Trimesh *m = g->made;
+    return (LightScene){.tree = scene_of(g, values),
+                        .adjacency = &m->adjacency,
+                        .search = m->rays->by[m->from.f64],
+                        .beam = m->beam,
+                        .values = values,
+                        .both = (m->from.queries & receivers) == receivers};
+}
+
 static void light(const SltGeometry *g, SltQuery what, const void *values, const void *rays, uint64_t mask,
                   uint32_t width, int32_t *witness) {
     const Trimesh *m = g->made;
-    const LightScene s = {.tree = scene_of(g, values),
-                          .adjacency = &m->adjacency,
-                          .search = m->rays->by[m->from.f64],
-                          .values = values,
-                          .both = (m->from.queries & lighting) == lighting};
+    const LightScene s = light_scene(g, values);
     uint32_t like[64];
     const uint32_t rows = what == SLT_QUERY_LTC ? SLT_LOBE_ROWS : SLT_LIGHT_ROWS;
     const uint64_t own = asking(rays, m->from.f64, mask, width, rows, SLT_LIGHT_P, like);
@@ -179,6 +199,13 @@ static void irradiance(const SltGeometry *g, const void *values, const void *ray
 static void ltc(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
                 int32_t *witness) {
     light(g, SLT_QUERY_LTC, values, rays, mask, width, witness);
+}
+
+static void lit(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
+                int32_t *witness) {
+    const Trimesh *m = g->made;
+    const LightScene s = light_scene(g, values);
+    if (!lit_find(&s, rays, mask, width, witness)) atomic_store(m->lost, true);
 }
 
 static void blocked(const SltGeometry *g, const void *values, const void *rays, uint64_t mask, uint32_t width,
@@ -227,6 +254,7 @@ SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void
     m->from = *from;
     m->rays = searches(isa ? isa : best_isa());
     m->facets = facets(isa ? isa : best_isa());
+    m->beam = beams(isa ? isa : best_isa());
     m->lost = &m->lost_;
     m->base.shared.made = m;
     m->base.ops = &geometry_mesh;
@@ -254,6 +282,7 @@ SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void
         m->base.shared.query[SLT_QUERY_SEEN] = seen;
         m->base.shared.query[SLT_QUERY_IRRADIANCE] = m->has_adjacency ? irradiance : NULL;
         m->base.shared.query[SLT_QUERY_LTC] = m->has_adjacency ? ltc : NULL;
+        m->base.shared.query[SLT_QUERY_LIT] = m->has_adjacency ? lit : NULL;
     }
     m->base.shared.query[SLT_QUERY_BEGIN] = begin;
     m->base.shared.told = pieces_told;

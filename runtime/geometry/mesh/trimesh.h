@@ -32,6 +32,7 @@ typedef struct Trimesh {
     Adjacency adjacency;      /* where has_adjacency */
     const BvhSearches *rays;
     const struct FacetSearch *facets;
+    const struct BeamSearch *beam;
     char text[96]; /* describe */
 } Trimesh;
 

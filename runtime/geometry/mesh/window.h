@@ -2,6 +2,7 @@
 #ifndef SALTUS_MESH_WINDOW_H
 #define SALTUS_MESH_WINDOW_H
 
+#include "outline.h"
 #include "pieces.h"
 #include "saltus/mesh.h"
 
@@ -117,6 +118,11 @@ typedef struct Store {
     ROW(Crossing) crossing;
     ROW(Polygon) piece; /* number 0 is none */
     ROW(uint32_t) live; /* those of the row */
+    ROW(OutlineBeam) beam;
+    ROW(OutlineRow) outline; /* of pieces, by unit */
+    ROW(OutlinePlace) corner;
+    ROW(OutlinePart) part;
+    ROW(OutlineAnswer) answer;
 } Store;
 
 /* Room for `more`; false: there is none, which the store remembers. */
