@@ -111,15 +111,19 @@ typedef struct Part {
 /* Half-planes g >= 0 and the depth of a triangle in the window. */
 typedef struct Shape {
     bool seen;
-    long double edge[3][3], depth[3];
+    long double edge[3][3], depth[3], beyond[3]; /* beyond: the depth less what it has of all faces of a far eye */
 } Shape;
 
 static inline long double part_at(const long double g[3], long double s, long double t) {
     return g[0] * s + g[1] * t + g[2];
 }
 
+static inline void scene_cross(const long double a[3], const long double b[3], long double out[3]) {
+    for (int i = 0; i < 3; i++) out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
+}
+
 static inline Shape shape_of(const Scene *scene, uint32_t face) {
-    long double p[3][3], c[3], n[3][3];
+    long double p[3][3], c[3], n[3][3], side[3][3], plane[3];
     const double *b = scene->beam;
     Shape out = {0};
     for (int k = 0; k < 3; k++)
@@ -127,20 +131,26 @@ static inline Shape shape_of(const Scene *scene, uint32_t face) {
             p[k][a] = (long double)scene->at[scene->face[face][k]][a] - (long double)b[SLT_BEAM_EYE + a];
             c[a] = (long double)b[SLT_BEAM_CORNER + a] - (long double)b[SLT_BEAM_EYE + a];
         }
+    /* Products of differences: of the corners themselves they would cancel where the eye is far. */
     for (int k = 0; k < 3; k++)
-        for (int a = 0; a < 3; a++) {
-            const long double *q = p[(k + 1) % 3];
-            n[k][a] = p[k][(a + 1) % 3] * q[(a + 2) % 3] - p[k][(a + 2) % 3] * q[(a + 1) % 3];
-        }
+        for (int a = 0; a < 3; a++) side[k][a] = p[(k + 1) % 3][a] - p[k][a];
+    for (int k = 0; k < 3; k++) scene_cross(p[k], side[k], n[k]);
+    scene_cross(side[0], side[1], plane);
     long double det = 0;
-    for (int a = 0; a < 3; a++) det += p[0][a] * n[1][a];
+    for (int a = 0; a < 3; a++) det += p[0][a] * plane[a];
     if (det == 0 || !isfinite(det)) return out;
     out.seen = true;
+    /* A window far from the eye is seen from the mesh, whose origin is near: d . n is (d - p) . n. */
+    long double away = 0, near = 0;
+    for (int a = 0; a < 3; a++) away += fabsl(c[a]), near += fabsl((long double)b[SLT_BEAM_CORNER + a]);
+    const bool apart = near < away / 4;
     for (int a = 0; a < 3; a++) {
-        long double sum = (n[0][a] + n[1][a] + n[2][a]) / det, along[3] = {b[SLT_BEAM_U + a], b[SLT_BEAM_V + a], c[a]};
+        long double sum = plane[a] / det, along[3] = {b[SLT_BEAM_U + a], b[SLT_BEAM_V + a], c[a]};
         for (int i = 0; i < 3; i++) {
             out.depth[i] += sum * along[i];
-            for (int k = 0; k < 3; k++) out.edge[k][i] += (det > 0 ? n[k][a] : -n[k][a]) * along[i];
+            out.beyond[i] += sum * (i == 2 && apart ? along[i] - p[0][a] : along[i]);
+            for (int k = 0; k < 3; k++)
+                out.edge[k][i] += (det > 0 ? n[k][a] : -n[k][a]) * (i == 2 && apart ? along[i] - p[k][a] : along[i]);
         }
     }
     return out;
@@ -186,7 +196,7 @@ static inline bool scene_seen(const Scene *s, uint32_t face, long double sum[3])
         long double nearer[3], size = 0;
         if (f == face || !other.seen) continue;
         for (int i = 0; i < 3; i++)
-            nearer[i] = other.depth[i] - own.depth[i], size += fabsl(other.depth[i]) + fabsl(own.depth[i]);
+            nearer[i] = other.beyond[i] - own.beyond[i], size += fabsl(other.beyond[i]) + fabsl(own.beyond[i]);
         bool same = fabsl(nearer[0]) + fabsl(nearer[1]) + fabsl(nearer[2]) < 1e-13L * size;
         if (same && f > face) continue;
         uint32_t kept = 0;

@@ -91,8 +91,9 @@ static double difference(SltProgram *p, double *floats, uint32_t i, double step)
     return (f[0] - f[3] + 8 * (f[2] - f[1])) / (12 * step);
 }
 
-/* Largest |derivative - difference| over the largest |difference|. */
-static double worst(const Scene *s, const char *body) {
+/* Largest |derivative - difference| over the largest |difference|; that in the eye, which is `far` away, times `far`.
+ */
+static double worst_far(const Scene *s, const char *body, double step, double far) {
     SltOptions opt = precision(true);
     SltProgram *p = compile(s, fixed_beam, body, &opt);
     const uint32_t n = slt_float_count(p);
@@ -102,13 +103,16 @@ static double worst(const Scene *s, const char *body) {
     gradient_of(p, gradient);
     double most = 0, scale = 0;
     for (uint32_t i = 0; i < n; i++) {
-        double d = difference(p, floats, i, 2e-5);
-        most = fmax(most, fabs(d - gradient[i])), scale = fmax(scale, fabs(d));
+        const bool of_eye = i >= 3 * s->nvertices && i < 3 * s->nvertices + 3;
+        const double by = of_eye ? far : 1, d = by * difference(p, floats, i, by * step);
+        most = fmax(most, fabs(d - by * gradient[i])), scale = fmax(scale, fabs(d));
     }
     slt_program_free(p);
     assert_true(scale > 1e-3);
     return most / scale;
 }
+
+static double worst(const Scene *s, const char *body) { return worst_far(s, body, 2e-5, 1); }
 
 static void test_differences(void **state) {
     (void)state;
@@ -121,6 +125,38 @@ static void test_differences(void **state) {
                    round % 4 == 2 ? -2 : 2); /* 3: inside, 2: mirrored */
         double error = worst(&s, everything);
         if (!(error < 1e-8)) fail_msg("scene %u: %g", round, error);
+    }
+}
+
+/* A tetrahedron and a triangle through it, from ever farther away. */
+static void far_tetrahedron(Scene *s, double far) {
+    static const int32_t face[4][3] = {{0, 1, 2}, {0, 3, 1}, {1, 3, 2}, {2, 3, 0}};
+    static const double at[7][3] = {{0.197, 0.387, 0.472},  {0.708, 0.384, 0.676},  {-0.754, -0.055, 0.709},
+                                    {0.238, 0.641, -0.619}, {-0.81, -0.65, -0.377}, {0.92, 0.13, 0.15},
+                                    {-0.13, 0.87, 0.41}};
+    *s = (Scene){0};
+    for (int k = 0; k < 7; k++) scene_vertex(s, at[k][0], at[k][1], at[k][2]);
+    for (int f = 0; f < 4; f++) scene_face(s, face[f][0], face[f][1], face[f][2]);
+    scene_face(s, 4, 5, 6);
+    const double beam[SLT_BEAM_ROWS] = {0.3 * far, -0.2 * far, -far, -1, -1, -0.5, 2, 0.1, 0, 0.05, 2, 0.2};
+    memcpy(s->beam, beam, sizeof beam);
+}
+
+static const char areas[] =
+    "    float sum = 0.0;\n"
+    "    for (Piece q = m.first(b); q.found; q = m.next(q))\n"
+    "        sum += q.area * (1.0 + 0.3 * float(q.tri % 5) + q.centre.x * 0.4 - q.centre.y + 0.5 * q.normal.x);\n"
+    "    return sum;\n";
+
+static void test_far_eye(void **state) {
+    (void)state;
+    static Scene s;
+    for (int k = 1; k <= 9; k++) {
+        const double far = pow(10, k);
+        far_tetrahedron(&s, far);
+        const double error = worst_far(&s, areas, 2e-4, far);
+        if (getenv("SALTUS_PIECES_FAR")) printf("1e%d: %.2g\n", k, error);
+        else if (!(error < 1e-9)) fail_msg("1e%d: %g", k, error);
     }
 }
 
@@ -271,8 +307,8 @@ static void test_forwards(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_differences), cmocka_unit_test(test_single),
-                                       cmocka_unit_test(test_subdivided), cmocka_unit_test(test_same_bits),
-                                       cmocka_unit_test(test_forwards)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_differences), cmocka_unit_test(test_far_eye),
+                                       cmocka_unit_test(test_single),      cmocka_unit_test(test_subdivided),
+                                       cmocka_unit_test(test_same_bits),   cmocka_unit_test(test_forwards)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

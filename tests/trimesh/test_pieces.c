@@ -1,6 +1,6 @@
 /* What is seen of meshes through windows: it fills the window, is what a reference in long double sees, and hangs on no
  * order of faces and no instruction set; degenerate windows by the thousand, by the million with SALTUS_PIECES_WINDOWS.
- */
+ * SALTUS_PIECES_FAR=1 prints errors of far eyes. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -212,6 +212,73 @@ static void test_sheets(void **state) {
     }
 }
 
+/* A closed body, a box in front of a plate, triangles that cross. */
+static void far_scene(Scene *s, uint32_t kind, uint64_t *state) {
+    static const int32_t tetrahedron[4][3] = {{0, 1, 2}, {0, 3, 1}, {1, 3, 2}, {2, 3, 0}};
+    *s = (Scene){0};
+    if (kind == 0) {
+        for (int k = 0; k < 4; k++)
+            scene_vertex(s, 1.6 * scene_uniform(state) - 0.8, 1.6 * scene_uniform(state) - 0.8,
+                         1.6 * scene_uniform(state) - 0.8);
+        for (int f = 0; f < 4; f++) scene_face(s, tetrahedron[f][0], tetrahedron[f][1], tetrahedron[f][2]);
+    } else if (kind == 1) {
+        for (int k = 0; k < 8; k++) scene_vertex(s, k & 1 ? 0.31 : -0.29, k & 2 ? 0.33 : -0.27, k & 4 ? 0.3 : -0.3);
+        for (int a = 0; a < 3; a++)
+            for (int side = 0; side < 2; side++) {
+                const int32_t b = 1 << (a + 1) % 3, c = 1 << (a + 2) % 3, at = side << a;
+                scene_face(s, at, at + b, at + b + c), scene_face(s, at, at + b + c, at + c);
+            }
+        const int32_t a = scene_vertex(s, -3, -2, 0.8), b = scene_vertex(s, 3, -2.5, 0.8),
+                      c = scene_vertex(s, 0.2, 4, 0.8);
+        scene_face(s, a, b, c);
+    } else {
+        scene_soup(s, 12, 1.7, state);
+    }
+    for (uint32_t i = 0; i < s->nvertices; i++)
+        for (int a = 0; a < 3; a++) s->at[i][a] = (double)s->f32[i][a];
+}
+
+/* Against the reference, of an eye `far` away; near: the window is a step before the eye and not where the mesh is. */
+static double far_error(double far, bool near, bool f64) {
+    static Scene s;
+    static Seen now;
+    uint64_t seed = 8;
+    double most = 0;
+    for (uint32_t round = 0; round < 30; round++) {
+        far_scene(&s, round % 3, &seed);
+        double eye[3] = {0.3 * far, -0.2 * far, -far}, corner[3] = {-1, -1, -0.5}, u[3] = {2, 0.1, 0},
+               v[3] = {0, 2, 0.2};
+        if (round % 2) eye[0] = (1 - 2 * scene_uniform(&seed)) * far, eye[1] = (1 - 2 * scene_uniform(&seed)) * far;
+        for (int a = 0; a < 3; a++) {
+            if (near) u[a] /= far, v[a] /= far, corner[a] = eye[a] + (corner[a] - eye[a]) / far;
+            if (!f64) eye[a] = (float)eye[a], corner[a] = (float)corner[a], u[a] = (float)u[a], v[a] = (float)v[a];
+        }
+        set_window(&s, eye, corner, u, v);
+        see(&s, f64, &now);
+        for (uint32_t f = 0; f < s.nfaces; f++) {
+            long double want[3];
+            if (!scene_seen(&s, f, want)) fail_msg("the reference has too many parts");
+            for (int k = 0; k < 3; k++) most = fmax(most, fabs(now.face[f][k] - (double)want[k]));
+        }
+    }
+    return most;
+}
+
+static void test_far_eye(void **state) {
+    (void)state;
+    const bool print = getenv("SALTUS_PIECES_FAR") != NULL;
+    for (int k = 1; k <= 12; k++) {
+        const double far = pow(10, k);
+        double error[3];
+        for (int how = 0; how < 3; how++) error[how] = k > 8 && how == 1 ? 0 : far_error(far, how == 1, how != 2);
+        if (print) printf("1e%d: %.2g, window at the eye %.2g, f32 %.2g\n", k, error[0], error[1], error[2]);
+        if (print) continue;
+        assert_near(error[0], 0, 1e-11 + 16 * far * 0x1p-53, "the window at the mesh", (uint32_t)k);
+        assert_near(error[1], 0, 1e-11 + 16 * far * 0x1p-53, "the window at the eye", (uint32_t)k);
+        assert_near(error[2], 0, 4e-6, "f32", (uint32_t)k);
+    }
+}
+
 static void test_any_order(void **state) {
     (void)state;
     uint64_t seed = 3;
@@ -364,14 +431,10 @@ static void test_no_memory(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_fills_the_window),
-                                       cmocka_unit_test(test_reference),
-                                       cmocka_unit_test(test_sheets),
-                                       cmocka_unit_test(test_any_order),
-                                       cmocka_unit_test(test_degenerate),
-                                       cmocka_unit_test(test_same_bits),
-                                       cmocka_unit_test(test_many),
-                                       cmocka_unit_test(test_nothing),
-                                       cmocka_unit_test(test_no_memory)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_fills_the_window), cmocka_unit_test(test_reference),
+                                       cmocka_unit_test(test_sheets),           cmocka_unit_test(test_far_eye),
+                                       cmocka_unit_test(test_any_order),        cmocka_unit_test(test_degenerate),
+                                       cmocka_unit_test(test_same_bits),        cmocka_unit_test(test_many),
+                                       cmocka_unit_test(test_nothing),          cmocka_unit_test(test_no_memory)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -144,7 +144,7 @@ enum { BEAM_EYE = 0, BEAM_CORNER = 3, BEAM_U = 6, BEAM_V = 9 }; /* among its par
 typedef struct Beam {
     const Symbol *sym;
     uint32_t geometry;
-    Inst *const *eye, *const *u, *const *v;
+    Inst *const *eye, *const *corner, *const *u, *const *v;
     Vec3 c; /* of the window's first corner, from the eye */
 } Beam;
 
@@ -152,61 +152,102 @@ static Beam beam_of(Lower *l, const Symbol *sym, Inst *const *parts) {
     Beam b = {.sym = sym,
               .geometry = gen_geometry_number(l, (Searched){.sym = sym}),
               .eye = parts + BEAM_EYE,
+              .corner = parts + BEAM_CORNER,
               .u = parts + BEAM_U,
               .v = parts + BEAM_V};
     minus(l, parts + BEAM_CORNER, b.eye, b.c);
     return b;
 }
 
-/* The direction from the eye to a place of the window. */
-static void towards(Lower *l, const Beam *b, Inst *s, Inst *t, Vec3 out) {
-    for (int a = 0; a < 3; a++) out[a] = add(l, b->c[a], add(l, mul(l, s, b->u[a]), mul(l, t, b->v[a])));
+/* To a place of the window from its first corner. */
+static void inside(Lower *l, const Beam *b, Inst *s, Inst *t, Vec3 out) {
+    for (int a = 0; a < 3; a++) out[a] = add(l, mul(l, s, b->u[a]), mul(l, t, b->v[a]));
+}
+
+/* Is the window's first corner far nearer to a point of the mesh than to the eye? Then a direction d to the window is
+ * better less the way to that point, `at`: what is orthogonal to `at` has the same product with both, and where the eye
+ * is far this difference is what derivatives hang on. */
+static Inst *much_nearer(Lower *l, const Beam *b, Inst *const at[3]) {
+    Vec3 from;
+    minus(l, b->corner, at, from);
+    return op2(l, OP_flt, mul(l, kf(l, 64), dot_n(l, from, from, 3)), dot_n(l, b->c, b->c, 3));
+}
+
+/* The window's first corner from the point, if that is much nearer, or else from the eye. */
+static void corner_from(Lower *l, const Beam *b, Inst *nearer, Inst *const at[3], Vec3 out) {
+    for (int a = 0; a < 3; a++) out[a] = sel(l, nearer, sub(l, b->corner[a], at[a]), b->c[a]);
 }
 
 static Inst *told(Lower *l, const Beam *b, uint32_t which, Inst *unit, IrType t) {
     return special(l, OP_told, t, 1, &unit, (Imm){.query = {b->geometry, which, 0}});
 }
 
-static void vertex_from(Lower *l, const Beam *b, Inst *number, Vec3 out) {
+static void vertex_at(Lower *l, const Beam *b, Inst *number, Vec3 out) {
     of_vertex(l, b->sym, gen_placed(l, b->sym), number, out);
-    minus(l, out, b->eye, out);
 }
 
-/* The plane of a triangle seen from the eye: d . normal / det is 1 / t. */
-static void plane_from(Lower *l, const Beam *b, Inst *tri, Vec3 normal, Inst **det) {
-    Vec3 corner[3], p, q;
+/* The plane of a triangle, through `at`, seen from the eye: d . normal / det is 1 / t. */
+static void plane_through(Lower *l, const Beam *b, Inst *tri, Vec3 at, Vec3 normal, Inst **det) {
+    Vec3 corner[3], p, q, from;
     corners(l, b->sym, tri, corner);
-    for (int k = 0; k < 3; k++) minus(l, corner[k], b->eye, corner[k]);
     minus(l, corner[1], corner[0], p);
     minus(l, corner[2], corner[0], q);
     cross(l, p, q, normal);
-    *det = dot_n(l, corner[0], normal, 3);
+    minus(l, corner[0], b->eye, from);
+    *det = dot_n(l, from, normal, 3);
+    for (int a = 0; a < 3; a++) at[a] = corner[0][a];
+}
+
+static void plane_from(Lower *l, const Beam *b, Inst *tri, Vec3 normal, Inst **det) {
+    Vec3 at;
+    plane_through(l, b, tri, at, normal, det);
 }
 
 static Inst *triangle_in(Lower *l, const Symbol *sym, Inst *tri) { return clamp_index(l, tri, false, sym->nfaces); }
 
-static Inst *depth_at(Lower *l, const Beam *b, Inst *tri, Inst *const d[3]) {
-    Vec3 n;
-    Inst *det;
-    plane_from(l, b, triangle_in(l, b->sym, tri), n, &det);
-    return op2(l, OP_fdiv, dot_n(l, d, n, 3), det);
+/* h . n at both ends of a side, h from `corner`, inside[k] further. */
+static void products(Lower *l, Inst *const corner[3], Vec3 inside[2], Inst *const n[3], Inst *out[2]) {
+    for (int k = 0; k < 2; k++) {
+        Vec3 h;
+        for (int a = 0; a < 3; a++) h[a] = add(l, corner[a], inside[k][a]);
+        out[k] = dot_n(l, h, n, 3);
+    }
 }
 
-/* g of a side at both its ends. */
-static void side_at_ends(Lower *l, const Beam *b, Inst *one, Inst *two, Vec3 end[2], Inst *g[2]) {
+/* The difference of 1 / t of two triangles, of 1 / t - 1 if that is better. */
+static void depths_at_ends(Lower *l, const Beam *b, Inst *const tri[2], Vec3 inside[2], Inst *g[2]) {
+    Inst *nearer = NULL, *of[2][2];
+    for (int i = 0; i < 2; i++) {
+        Vec3 at, n, corner;
+        Inst *det;
+        plane_through(l, b, triangle_in(l, b->sym, tri[i]), at, n, &det);
+        if (!nearer) nearer = much_nearer(l, b, at);
+        corner_from(l, b, nearer, at, corner);
+        products(l, corner, inside, n, of[i]);
+        for (int k = 0; k < 2; k++) of[i][k] = op2(l, OP_fdiv, of[i][k], det);
+    }
+    for (int k = 0; k < 2; k++) g[k] = sub(l, of[0][k], of[1][k]);
+}
+
+/* g of a side at both its ends, which lie inside[k] in the window. */
+static void side_at_ends(Lower *l, const Beam *b, Inst *one, Inst *two, Vec3 inside[2], Inst *g[2]) {
     Var *out = var_new(l, TY_FLT, 2);
     IfCtx c;
     for (int k = 0; k < 2; k++) out[k].value = kf(l, 0);
     if_begin(l, &c, op2(l, OP_ilt, two, ki(l, 0)));
-    for (int k = 0; k < 2; k++)
-        var_set(l, &out[k],
-                sub(l, depth_at(l, b, one, end[k]), depth_at(l, b, op2(l, OP_isub, ki(l, -1), two), end[k])));
+    Inst *const tri[] = {one, op2(l, OP_isub, ki(l, -1), two)};
+    depths_at_ends(l, b, tri, inside, g);
+    for (int k = 0; k < 2; k++) var_set(l, &out[k], g[k]);
     if_else(l, &c);
-    Vec3 p, q, n;
-    vertex_from(l, b, one, p);
-    vertex_from(l, b, two, q);
-    cross(l, p, q, n);
-    for (int k = 0; k < 2; k++) var_set(l, &out[k], dot_n(l, end[k], n, 3));
+    Vec3 p, q, along, from, corner, n;
+    vertex_at(l, b, one, p);
+    vertex_at(l, b, two, q);
+    minus(l, q, p, along);
+    minus(l, p, b->eye, from);
+    cross(l, from, along, n);
+    corner_from(l, b, much_nearer(l, b, p), p, corner);
+    products(l, corner, inside, n, g);
+    for (int k = 0; k < 2; k++) var_set(l, &out[k], g[k]);
     if_end(l, &c);
     for (int k = 0; k < 2; k++) g[k] = var_get(l, &out[k]);
 }
@@ -226,7 +267,7 @@ static void moving_sides(Lower *l, const Beam *b, Inst *unit, Inst *const centre
     Vec3 end[2];
     for (uint32_t k = 0; k < 2; k++) {
         for (uint32_t a = 0; a < 2; a++) at[k][a] = told(l, b, SLT_SIDE_S0 + 2 * k + a, side, TY_FLT);
-        towards(l, b, at[k][0], at[k][1], end[k]);
+        inside(l, b, at[k][0], at[k][1], end[k]);
     }
     side_at_ends(l, b, told(l, b, SLT_SIDE_A, side, TY_INT), told(l, b, SLT_SIDE_B, side, TY_INT), end, g);
     Inst *weight = told(l, b, SLT_SIDE_WEIGHT, side, TY_FLT), *both = add(l, g[0], g[1]);
@@ -253,13 +294,20 @@ static Val piece_of(Lower *l, Type *type, const Symbol *sym, Inst *unit, Inst *c
     Inst *whole = sel(l, found, area, kf(l, 1));
     for (int a = 0; a < 2; a++) v.c[2 + a] = add(l, held[a], op1(l, OP_ghost, op2(l, OP_fdiv, sum[1 + a], whole)));
     Inst *tri = triangle_in(l, sym, told(l, b, SLT_PIECE_TRIANGLE, unit, TY_INT)), *det;
-    Vec3 d, n;
-    towards(l, b, v.c[2], v.c[3], d);
-    plane_from(l, b, tri, n, &det);
-    Inst *t = op2(l, OP_fdiv, det, sel(l, found, dot_n(l, d, n, 3), kf(l, 1))),
+    /* p = start + t d: from the eye, or from the window's place, where t is -(d - at) . n / d . n. */
+    Vec3 in, d, at, n, from;
+    inside(l, b, v.c[2], v.c[3], in);
+    plane_through(l, b, tri, at, n, &det);
+    Inst *nearer = much_nearer(l, b, at);
+    for (int a = 0; a < 3; a++) {
+        d[a] = add(l, b->c[a], in[a]);
+        from[a] = sub(l, sub(l, at[a], b->corner[a]), in[a]);
+    }
+    Inst *t = op2(l, OP_fdiv, sel(l, nearer, dot_n(l, from, n, 3), det), sel(l, found, dot_n(l, d, n, 3), kf(l, 1))),
          *length = op1(l, OP_fsqrt, sel(l, found, dot_n(l, n, n, 3), kf(l, 1)));
     for (int a = 0; a < 3; a++) {
-        v.c[4 + a] = sel(l, found, add(l, b->eye[a], mul(l, t, d[a])), b->eye[a]);
+        Inst *start = sel(l, nearer, add(l, b->corner[a], in[a]), b->eye[a]);
+        v.c[4 + a] = sel(l, found, add(l, start, mul(l, t, d[a])), b->eye[a]);
         v.c[7 + a] = sel(l, found, op2(l, OP_fdiv, n[a], length), kf(l, 0));
     }
     v.c[10] = sel(l, found, tri, ki(l, -1));
@@ -334,9 +382,10 @@ static Inst *g_of_line(Lower *l, const Beam *b, const Ray *r, Inst *const d[3], 
     g->value = kf(l, 0);
     if_begin(l, &edge, op2(l, OP_ilt, one, two));
     Vec3 p, q, along, n;
-    vertex_from(l, b, one, p);
-    vertex_from(l, b, two, q);
+    vertex_at(l, b, one, p);
+    vertex_at(l, b, two, q);
     minus(l, q, p, along);
+    minus(l, p, b->eye, p);
     cross(l, p, along, n);
     var_set(l, g, dot_n(l, d, n, 3));
     if_else(l, &edge);

@@ -30,19 +30,26 @@ INLINE void aside(const D8 *far, const D8 side[3], double precision, double leas
 }
 
 INLINE void put_aside(Beams *b, bool f64, uint32_t k) {
-    D8 row[SLT_BEAM_ROWS], far = {0}, one, s, t;
+    D8 row[SLT_BEAM_ROWS], q[3], far = {0}, near = {0}, one, s, t;
     for (uint32_t r = SLT_BEAM_CORNER; r < SLT_BEAM_ROWS; r++) row[r] = *(const Wide *)&b->row[r][k];
     for (int a = 0; a < 3; a++) size_of(&row[SLT_BEAM_CORNER + a], &one), keep_max(&far, &one);
+    /* Where the corner is taken from the origin, the way to the eye rounds nothing. */
+    const L8 own = *(const Wide *)&b->row[BEAM_OWN][k] != 0;
+    for (int a = 0; a < 3; a++)
+        q[a] = *(const Wide *)&b->row[BEAM_Q + a][k], size_of(&q[a], &one), keep_max(&near, &one);
+    far = (D8)((own & (L8)near) | (~own & (L8)far));
     aside(&far, row + SLT_BEAM_U, f64 ? 0x1p-51 : 0x1p-22, ASIDE_S, &s);
     aside(&far, row + SLT_BEAM_V, f64 ? 0x1p-51 : 0x1p-22, ASIDE_T, &t);
-    for (int a = 0; a < 3; a++)
-        *(Wide *)&b->row[SLT_BEAM_CORNER + a][k] =
-            row[SLT_BEAM_CORNER + a] + (s * row[SLT_BEAM_U + a] + t * row[SLT_BEAM_V + a]);
+    for (int a = 0; a < 3; a++) {
+        const D8 by = s * row[SLT_BEAM_U + a] + t * row[SLT_BEAM_V + a];
+        *(Wide *)&b->row[SLT_BEAM_CORNER + a][k] = row[SLT_BEAM_CORNER + a] + by;
+        *(Wide *)&b->row[BEAM_Q + a][k] = q[a] + by;
+    }
 }
 
-static void read(Beams *b, bool f64, const void *rays, uint64_t mask, uint32_t width) {
+static void read(Beams *b, bool f64, const void *rays, uint64_t mask, uint32_t width, double magnitude) {
     const uint32_t padded = (width + 7) / 8 * 8;
-    b->mask = width < LANES ? mask & ((1ull << width) - 1) : mask;
+    b->mask = width < LANES ? mask & ((1ull << width) - 1) : mask, b->far = 0;
     for (uint32_t k = 0; k < SLT_BEAM_ROWS; k++) {
         double *to = b->row[k];
         if (f64) memcpy(to, (const double *)rays + (size_t)k * width, width * sizeof *to);
@@ -56,8 +63,17 @@ static void read(Beams *b, bool f64, const void *rays, uint64_t mask, uint32_t w
             const D8 at = *(const Wide *)&b->row[k][i];
             good &= (at <= 1e30) & (at >= -1e30);
         }
-        for (uint32_t a = 0; a < 3; a++)
-            *(Wide *)&b->row[SLT_BEAM_CORNER + a][i] -= *(const Wide *)&b->row[SLT_BEAM_EYE + a][i];
+        D8 corner[3], c[3], one, eye = {0}, near = {0};
+        for (int a = 0; a < 3; a++) {
+            const D8 from = *(const Wide *)&b->row[SLT_BEAM_EYE + a][i];
+            corner[a] = *(const Wide *)&b->row[SLT_BEAM_CORNER + a][i];
+            size_of(&from, &one), keep_max(&eye, &one), size_of(&corner[a], &one), keep_max(&near, &one);
+            *(Wide *)&b->row[SLT_BEAM_CORNER + a][i] = c[a] = corner[a] - from;
+        }
+        const L8 far = eye > FAR_EYE * magnitude, own = far & (near < NEAR_WINDOW * eye);
+        b->far |= (uint64_t)bits_D8(far) << i;
+        for (int a = 0; a < 3; a++) *(Wide *)&b->row[BEAM_Q + a][i] = (D8)((own & (L8)corner[a]) | (~own & (L8)c[a]));
+        *(Wide *)&b->row[BEAM_OWN][i] = (D8)(own & (L8)((D8){0} + 1));
         put_aside(b, f64, i);
         b->mask &= ~((uint64_t)(~bits_D8(good) & 255) << i);
     }

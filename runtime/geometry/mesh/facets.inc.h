@@ -4,8 +4,6 @@
  * again, by arithmetic of the window alone. */
 typedef float Narrow __attribute__((vector_size(32), aligned(4)));
 
-#define BESIDE 1e-9 /* by which what lies where is widened */
-
 /* A plane through the eye; what is not on its positive side by more than `slack` is outside. */
 typedef struct Plane {
     double normal[3], slack;
@@ -48,8 +46,8 @@ static void list_leaves(Search *s, const Plane plane[4], const double eye[3]) {
     }
 }
 
-/* Corners of a leaf's triangles from the eye. The leaf has them, but those of vertices that have been moved; where it
- * has no triangle, any. */
+/* Corners of a leaf's triangles from `eye`, a far one's from the origin. The leaf has them, but those of vertices that
+ * have been moved; where it has no triangle, any. */
 INLINE void corners_of(const Search *s, const double eye[3], uint32_t leaf, const int32_t *triangle, D8 p[3][3]) {
     const Bvh *b = s->scene->tree.bvh;
     double at[3][3][8];
@@ -76,31 +74,91 @@ INLINE void corners_of(const Search *s, const double eye[3], uint32_t leaf, cons
 
 /* What eight triangles are, before those that are not in the rectangle are left out. */
 typedef struct Columns {
-    double normal[3][3][8], depth[3][8], lo[2][8], hi[2][8];
+    double normal[3][3][8], depth[3][8], base[4][8], lo[2][8], hi[2][8];
     double along[2][4][8];  /* normals and depth times u and v of the window */
     double spread[2][4][8]; /* Near.spread */
 } Columns;
 
-INLINE void make_columns(const Window *w, const Rectangle *r, const D8 p[3][3], Columns *out, uint32_t *in,
+INLINE D8 which(L8 m, D8 a, D8 b) { return (D8)((m & (L8)a) | (~m & (L8)b)); }
+
+INLINE void cross8(const D8 a[3], const D8 b[3], D8 out[3]) {
+    for (int i = 0; i < 3; i++) out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
+}
+
+/* Of triangles seen from the eye. Their planes are of differences of corners: products of corners cancel by the square
+ * of how far they are, measured in triangles. A line's normal is any of its points times its direction: the nearer end,
+ * or the middle where both are as near, so that from the other face it is the same, negated. */
+INLINE void lines_near(const D8 p[3][3], D8 normal[3][3], D8 plane[3], D8 *det) {
+    D8 edge[3][3], square[3], nearest[3];
+    for (int k = 0; k < 3; k++) {
+        square[k] = p[k][0] * p[k][0] + p[k][1] * p[k][1] + p[k][2] * p[k][2];
+        for (int a = 0; a < 3; a++) edge[k][a] = p[(k + 1) % 3][a] - p[k][a];
+    }
+    for (int k = 0; k < 3; k++) {
+        const int q = (k + 1) % 3;
+        const L8 first = square[k] < square[q], second = square[q] < square[k];
+        D8 at[3];
+        for (int a = 0; a < 3; a++) at[a] = which(first, p[k][a], which(second, p[q][a], 0.5 * (p[k][a] + p[q][a])));
+        cross8(at, edge[k], normal[k]);
+    }
+    cross8(edge[0], edge[1], plane);
+    const L8 second = square[1] < square[0], third = square[2] < lower(square[0], square[1]);
+    for (int a = 0; a < 3; a++) nearest[a] = which(third, p[2][a], which(second, p[1][a], p[0][a]));
+    *det = nearest[0] * plane[0] + nearest[1] * plane[1] + nearest[2] * plane[2];
+}
+
+/* The same of a far eye and corners from the origin. d = q + own * -eye: what the second part gives is `base`, exact to
+ * the last bits however far the eye is. Depths differ little from each other: what all share, d . -eye / eye . eye, is
+ * left out of them. depth: times det. */
+INLINE void lines_far(const D8 at[3][3], const double eye[3], D8 normal[3][3], D8 depth[3], D8 base[4], D8 *det) {
+    const double square = window_dot(eye, eye);
+    D8 edge[3][3], across[3], plane[3], own, along;
+    for (int k = 0; k < 3; k++) {
+        const int q = (k + 1) % 3;
+        D8 middle[3];
+        for (int a = 0; a < 3; a++) edge[k][a] = at[q][a] - at[k][a], middle[a] = 0.5 * (at[k][a] + at[q][a]);
+        cross8(middle, edge[k], normal[k]);
+        dot8(normal[k], eye, &base[k]);
+        base[k] = -base[k];
+        for (int a = 0; a < 3; a++) {
+            const int j = (a + 1) % 3, l = (a + 2) % 3;
+            normal[k][a] -= eye[j] * edge[k][l] - eye[l] * edge[k][j];
+        }
+    }
+    cross8(edge[0], edge[1], plane);
+    own = at[0][0] * plane[0] + at[0][1] * plane[1] + at[0][2] * plane[2];
+    dot8(plane, eye, &along);
+    *det = own - along;
+    base[3] = -own;
+    for (int a = 0; a < 3; a++)
+        across[a] = eye[(a + 1) % 3] * plane[(a + 2) % 3] - eye[(a + 2) % 3] * plane[(a + 1) % 3];
+    for (int a = 0; a < 3; a++)
+        depth[a] =
+            (across[(a + 1) % 3] * eye[(a + 2) % 3] - across[(a + 2) % 3] * eye[(a + 1) % 3] + eye[a] * own) / square;
+}
+
+INLINE void make_columns(const Window *w, const Rectangle *r, const D8 at[3][3], Columns *out, uint32_t *in,
                          uint32_t *turned) {
-    D8 sum[3], det, size;
+    D8 p[3][3], sum[3], base[4], det, size;
+    for (int k = 0; k < 3; k++)
+        for (int a = 0; a < 3; a++) p[k][a] = w->far ? at[k][a] - w->eye[a] : at[k][a];
     D8 lo[2] = {(D8){0} + HUGE_VAL, (D8){0} + HUGE_VAL}, hi[2] = {-lo[0], -lo[1]};
     L8 ahead = ~(L8){0}, outside = {0};
     for (int k = 0; k < 3; k++) {
-        D8 along, at;
+        D8 along, where;
         dot8(p[k], w->plane[2], &along);
         ahead &= along > 0;
         along = 1 / along;
         for (int i = 0; i < 2; i++) {
-            dot8(p[k], w->plane[i], &at);
-            at *= along;
-            keep_min(&lo[i], &at), keep_max(&hi[i], &at);
+            dot8(p[k], w->plane[i], &where);
+            where *= along;
+            keep_min(&lo[i], &where), keep_max(&hi[i], &where);
         }
     }
     for (int i = 0; i < 2; i++) {
         D8 above, below;
         size_of(&hi[i], &above), size_of(&lo[i], &below);
-        lo[i] -= BESIDE * (1 + above + below), hi[i] += BESIDE * (1 + above + below);
+        lo[i] -= w->beside[i] * (1 + above + below), hi[i] += w->beside[i] * (1 + above + below);
         outside |= (lo[i] > r->hi[i]) | (hi[i] < r->lo[i]);
         lo[i] = (D8)((ahead & (L8)lo[i]) | (~ahead & (L8)((D8){0} - HUGE_VAL)));
         hi[i] = (D8)((ahead & (L8)hi[i]) | (~ahead & (L8)((D8){0} + HUGE_VAL)));
@@ -109,15 +167,8 @@ INLINE void make_columns(const Window *w, const Rectangle *r, const D8 p[3][3], 
     *in &= ~bits_D8(outside);
     if (!*in) return;
     D8 normal[3][3];
-    for (int k = 0; k < 3; k++) {
-        const int q = (k + 1) % 3;
-        for (int a = 0; a < 3; a++) {
-            const int j = (a + 1) % 3, l = (a + 2) % 3;
-            normal[k][a] = p[k][j] * p[q][l] - p[k][l] * p[q][j];
-        }
-    }
-    for (int a = 0; a < 3; a++) sum[a] = normal[0][a] + normal[1][a] + normal[2][a];
-    det = p[0][0] * normal[1][0] + p[0][1] * normal[1][1] + p[0][2] * normal[1][2];
+    if (w->far) lines_far(at, w->eye, normal, sum, base, &det);
+    else lines_near((const D8(*)[3])p, normal, sum, &det);
     size_of(&det, &size);
     const L8 back = det < 0, good = (size > 0) & (size <= DBL_MAX);
     *in &= bits_D8(good), *turned = bits_D8(back);
@@ -127,13 +178,15 @@ INLINE void make_columns(const Window *w, const Rectangle *r, const D8 p[3][3], 
         for (int k = 0; k < 3; k++)
             *(Wide *)out->normal[k][a] = normal[k][a] = (D8)((L8)normal[k][a] ^ (back & INT64_MIN));
     }
+    for (int k = 0; k < 4 && w->far; k++)
+        *(Wide *)out->base[k] = k < 3 ? (D8)((L8)base[k] ^ (back & INT64_MIN)) : base[k] * inverse;
     for (int k = 0; k < 4; k++) {
-        D8 at[3], least = {0}, most = {0};
-        dot8(k < 3 ? normal[k] : sum, w->u, &at[0]);
-        dot8(k < 3 ? normal[k] : sum, w->v, &at[1]);
-        at[2] = at[0] + at[1];
-        for (int q = 0; q < 3; q++) keep_min(&least, &at[q]), keep_max(&most, &at[q]);
-        *(Wide *)out->along[0][k] = at[0], *(Wide *)out->along[1][k] = at[1];
+        D8 add[3], least = {0}, most = {0};
+        dot8(k < 3 ? normal[k] : sum, w->u, &add[0]);
+        dot8(k < 3 ? normal[k] : sum, w->v, &add[1]);
+        add[2] = add[0] + add[1];
+        for (int q = 0; q < 3; q++) keep_min(&least, &add[q]), keep_max(&most, &add[q]);
+        *(Wide *)out->along[0][k] = add[0], *(Wide *)out->along[1][k] = add[1];
         *(Wide *)out->spread[0][k] = least, *(Wide *)out->spread[1][k] = most;
     }
     for (int i = 0; i < 2; i++) *(Wide *)out->lo[i] = lo[i], *(Wide *)out->hi[i] = hi[i];
@@ -149,7 +202,8 @@ static void add_leaf(Search *s, const Window *w, const Rectangle *r, uint32_t le
     Store *store = s->store;
     D8 p[3][3];
     for (uint32_t i = 0; i < BVH_LEAF; i++) in |= (uint32_t)(triangle[i] >= 0) << i;
-    corners_of(s, w->eye, leaf, triangle, p);
+    static const double origin[3];
+    corners_of(s, w->far ? origin : w->eye, leaf, triangle, p);
     make_columns(w, r, (const D8(*)[3])p, &c, &in, &turned);
     if (!in || !window_room(store, &store->near.data, store->near.n, &store->near.room, 8, sizeof *store->near.data))
         return;
@@ -160,6 +214,7 @@ static void add_leaf(Search *s, const Window *w, const Rectangle *r, uint32_t le
             to->depth[a] = c.depth[a][i];
             for (int k = 0; k < 3; k++) to->normal[k][a] = c.normal[k][a][i];
         }
+        for (int k = 0; k < 4 && w->far; k++) to->base[k] = c.base[k][i];
         for (int a = 0; a < 2; a++) {
             to->lo[a] = c.lo[a][i], to->hi[a] = c.hi[a][i];
             for (int k = 0; k < 4; k++) to->along[a][k] = c.along[a][k][i], to->spread[a][k] = c.spread[a][k][i];
@@ -187,11 +242,12 @@ static void list(Search *s, const Window *w, const Rectangle *r) {
 }
 
 /* Of d . n at the corners of the windows of eight lanes. */
-INLINE void range_of(const double n[3], const Beams *b, uint32_t k, bool alike, double below, double above, D8 *first,
-                     D8 *least, D8 *most) {
+INLINE void range_of(const double n[3], const double *base, const Beams *b, uint32_t k, bool alike, double below,
+                     double above, D8 *first, D8 *least, D8 *most) {
     D8 row[3], c, s, t;
-    for (int a = 0; a < 3; a++) row[a] = *(const Wide *)&b->row[SLT_BEAM_CORNER + a][k];
+    for (int a = 0; a < 3; a++) row[a] = *(const Wide *)&b->row[BEAM_Q + a][k];
     dot8(row, n, &c);
+    if (base) c += *(const Wide *)&b->row[BEAM_OWN][k] * *base;
     *first = c;
     *least = *most = c;
     if (alike) {
@@ -208,7 +264,7 @@ INLINE void range_of(const double n[3], const Beams *b, uint32_t k, bool alike, 
 
 /* Appends what the windows of eight lanes may see of a triangle, in no order. */
 INLINE void meet_lanes(Store *store, const Beams *b, const Places *lie, uint32_t number, uint32_t k, uint32_t on,
-                       bool alike, D8 *hidden) {
+                       bool alike, bool far, D8 *hidden) {
     typedef struct {
         double at[8];
     } Row;
@@ -222,10 +278,12 @@ INLINE void meet_lanes(Store *store, const Beams *b, const Places *lie, uint32_t
     uint32_t filling = some;
     D8 least, most, first[4];
     for (int e = 0; e < 3; e++) {
-        range_of(t->normal[e], b, k, alike, t->spread[0][e], t->spread[1][e], &first[e], &least, &most);
+        range_of(t->normal[e], far ? &t->base[e] : NULL, b, k, alike, t->spread[0][e], t->spread[1][e], &first[e],
+                 &least, &most);
         some &= less(zero, most), filling &= less(zero, least);
     }
-    range_of(t->depth, b, k, alike, t->spread[0][3], t->spread[1][3], &first[3], &least, &most);
+    range_of(t->depth, far ? &t->base[3] : NULL, b, k, alike, t->spread[0][3], t->spread[1][3], &first[3], &least,
+             &most);
     some &= upto(*hidden, most) & upto(all_D8(-DBL_MAX), least) & upto(most, all_D8(DBL_MAX));
     if (!some) return;
     filling &= some;
@@ -247,6 +305,7 @@ INLINE void meet_lanes(Store *store, const Beams *b, const Places *lie, uint32_t
 
 static void survey(Search *s, const Beams *b, const Places *lie, Neighbours *group) {
     Store *store = s->store;
+    const bool far = b->far >> group->base & 1; /* they share their eye */
     D8 hidden[LANES / 8];
     double nearest[LANES];
     uint32_t *first = group->first, count[LANES];
@@ -262,7 +321,7 @@ static void survey(Search *s, const Beams *b, const Places *lie, Neighbours *gro
             return;
         for (uint32_t k = group->base / 8 * 8; k <= group->last; k += 8) {
             const uint32_t on = (uint32_t)(who >> k) & 255;
-            if (on) meet_lanes(store, b, lie, i, k, on, group->alike, &hidden[k / 8]);
+            if (on) meet_lanes(store, b, lie, i, k, on, group->alike, far, &hidden[k / 8]);
         }
     }
     if (!window_room(store, &store->candidate.data, 0, &store->candidate.room, store->found.n,

@@ -10,6 +10,7 @@
 #include "window.h"
 
 enum { HALVINGS = 40 }; /* at most */
+#define BESIDE 1e-9 /* by which what lies where is widened, at least */
 #define SPARSE 4.0 /* times the area of windows is what is looked through for them together, at most */
 
 /* ---- windows */
@@ -21,6 +22,10 @@ void window_planes(Window *w) {
     const bool mirrored = window_dot(w->u, w->plane[0]) < 0;
     for (int k = 0; k < 3 && mirrored; k++)
         for (int a = 0; a < 3; a++) w->plane[k][a] = -w->plane[k][a];
+    /* Where the eye is far rounding is more. */
+    const double away = 0x1p-47 * window_dot(w->c, w->c) / fabs(window_dot(w->u, w->plane[0]));
+    w->beside[0] = BESIDE + away * sqrt(window_dot(w->v, w->v));
+    w->beside[1] = BESIDE + away * sqrt(window_dot(w->u, w->u));
 }
 
 /* False: a window that is a line, or passes through its eye. */
@@ -29,7 +34,9 @@ static bool window_set(Window *w, const Beams *b, uint32_t lane) {
     for (int a = 0; a < 3; a++) {
         w->eye[a] = b->row[SLT_BEAM_EYE + a][lane], w->c[a] = b->row[SLT_BEAM_CORNER + a][lane];
         w->u[a] = b->row[SLT_BEAM_U + a][lane], w->v[a] = b->row[SLT_BEAM_V + a][lane];
+        w->q[a] = b->row[BEAM_Q + a][lane];
     }
+    w->far = b->far >> lane & 1, w->own = b->row[BEAM_OWN][lane];
     window_cross(w->v, w->c, n);
     const double whole = window_dot(w->u, n);
     return whole != 0 && isfinite(whole);
@@ -71,8 +78,8 @@ static void locate(Search *s) {
             ahead &= along > 0;
             for (int a = 0; a < 2; a++) {
                 const double at = window_dot(p, s->window.plane[a]) / along;
-                f->lo[a] = fmin(f->lo[a], at - 1e-9 * (1 + fabs(at))),
-                f->hi[a] = fmax(f->hi[a], at + 1e-9 * (1 + fabs(at)));
+                f->lo[a] = fmin(f->lo[a], at - s->window.beside[a] * (1 + fabs(at))),
+                f->hi[a] = fmax(f->hi[a], at + s->window.beside[a] * (1 + fabs(at)));
             }
         }
         for (int a = 0; a < 2 && !ahead; a++) f->lo[a] = -HUGE_VAL, f->hi[a] = HUGE_VAL;
@@ -206,7 +213,7 @@ bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint3
     Neighbours group;
     if (!s.store || !s.store->n) return false;
     s.store->lost = false;
-    scene->facets->read(&beams, s.f64, rays, mask, width);
+    scene->facets->read(&beams, s.f64, rays, mask, width, scene->tree.bvh->magnitude);
     while (beams.mask) {
         const uint32_t base = (uint32_t)__builtin_ctzll(beams.mask);
         Window window;

@@ -12,8 +12,6 @@
 #define LEAST_AREA 1e-5 /* less is measured by corners: here rounding is that of the window */
 #define JOINED 1e-13    /* two lines have a corner in common to within this */
 
-INLINE D8 which(L8 m, D8 a, D8 b) { return (D8)((m & (L8)a) | (~m & (L8)b)); }
-
 typedef struct Sums {
     D8 area, s, t;
 } Sums;

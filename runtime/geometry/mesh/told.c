@@ -323,12 +323,22 @@ static void tell_side(Search *s, Side *side, int32_t a, int32_t b, const double 
     if (s->scene->outlined) outline_part(s, side, a, b, g[1] * ds - g[0] * dt < 0, from, to);
 }
 
+/* Of the plane of two directions, which may be long beside what parts them. */
+static void across_both(const double p[3], const double q[3], double out[3]) {
+    double apart[3];
+    for (int a = 0; a < 3; a++) apart[a] = q[a] - p[a];
+    window_cross(p, apart, out);
+}
+
 /* Narrows from and to to where the directions of the side are on q's side of p, in the plane of both. */
 static void on_side_of(const Side *side, const double p[3], const double q[3], double *from, double *to) {
-    const double pp = window_dot(p, p), pq = window_dot(p, q);
     double across[3], f[2];
-    for (int a = 0; a < 3; a++) across[a] = q[a] * pp - p[a] * pq; /* (p x q) x p */
-    for (int k = 0; k < 2; k++) f[k] = window_dot(side->d[k], across);
+    across_both(p, q, across);
+    for (int k = 0; k < 2; k++) { /* d . ((p x q) x p) */
+        double of_d[3];
+        window_cross(p, side->d[k], of_d);
+        f[k] = window_dot(across, of_d);
+    }
     if (f[0] >= 0 && f[1] >= 0) return;
     if (f[0] < 0 && f[1] < 0) {
         *from = 1, *to = 0;
@@ -349,14 +359,14 @@ static void line_of(const Search *s, const double normal[3], double g[3]) {
 static int32_t next_end(const Search *s, const double g[3], int32_t v, const double before[3], const double here[3]) {
     const Adjacency *adjacency = s->scene->adjacency;
     const double whole = fabs(window_dot(s->window.u, s->window.plane[0])), slope = sqrt(g[0] * g[0] + g[1] * g[1]);
-    double n[3], across[3], least = CONTINUES;
+    double n[3], least = CONTINUES;
     int32_t best = -1;
-    window_cross(before, here, n);
-    window_cross(n, here, across); /* ahead of `here` it is positive */
+    across_both(before, here, n);
     for (uint32_t i = adjacency->first[v]; i < adjacency->first[v + 1]; i++) {
-        double p[3], at[3];
+        double p[3], at[3], ahead[3];
         window_vertex(s, adjacency->end[i], p);
-        if (!(window_dot(p, across) > 0)) continue;
+        across_both(here, p, ahead);
+        if (!(window_dot(n, ahead) > 0)) continue;
         for (int k = 0; k < 3; k++) at[k] = window_dot(p, s->window.plane[k]) / whole;
         const double apart = fabs(g[0] * at[0] + g[1] * at[1] + g[2] * at[2]) / (fabs(at[2]) * slope);
         if (apart < least) least = apart, best = adjacency->end[i];
@@ -376,7 +386,7 @@ static void tell_beyond(Search *s, Side *side, const int32_t edge[2], int32_t v,
         double there[3], normal[3], g[3], mine[2] = {from, to}, rest[2] = {from, to};
         window_vertex(s, end, there);
         on_side_of(side, there, here, &mine[0], &mine[1]);
-        window_cross(here, there, normal);
+        across_both(here, there, normal);
         line_of(s, normal, g);
         tell_side(s, side, v, end, g, mine[0], mine[1]);
         /* Beyond `there`: what is left at the end that `mine` does not reach. */

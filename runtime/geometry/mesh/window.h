@@ -8,8 +8,11 @@
 
 typedef struct Window {
     double eye[3], u[3], v[3], c[3];
+    bool far;           /* Beams */
+    double q[3], own;   /* the same */
     double plane[3][3]; /* rows of the inverse of (u v c) times |its determinant|: w s, w t, w of a point, w > 0 ahead;
                            where they are asked */
+    double beside[2];   /* by which s and t of what lies where are widened */
 } Window;
 
 typedef struct Rectangle {
@@ -19,7 +22,8 @@ typedef struct Rectangle {
 /* A triangle that windows of one eye may see. */
 typedef struct Near {
     double normal[3][3]; /* of each edge: d . normal is g, positive inside */
-    double depth[3];     /* d . depth is 1 / t */
+    double depth[3];     /* d . depth is 1 / t; of far eyes less that of the plane through the origin across the eye */
+    double base[4];      /* of far eyes: what normals and depth times the way from the eye to the origin are */
     double lo[2], hi[2]; /* where it lies in the window that it was listed for */
     double along[2][4];  /* normals and depth times that window's u and v */
     double spread[2][4]; /* what these add at a window's corners: the least and the most. Adding rounds alike whichever
@@ -146,10 +150,16 @@ typedef struct Search {
 enum { LANES = 64 };
 
 /* Windows of lanes, rows of SltBeamRow; the corner seen from the eye. */
+enum { BEAM_Q = SLT_BEAM_ROWS, BEAM_OWN = BEAM_Q + 3, BEAM_ALL };
 typedef struct Beams {
-    double row[SLT_BEAM_ROWS][LANES];
-    uint64_t mask;
+    /* Behind them the corner once more: BEAM_Q from the origin, BEAM_OWN 1, where the eye is far from the mesh and the
+     * window is not; elsewhere BEAM_Q is from the eye, BEAM_OWN 0. For all that is linear in directions the corner
+     * counts BEAM_Q + BEAM_OWN * (the origin from the eye), of which the second part is the triangle's (Near.base). */
+    double row[BEAM_ALL][LANES];
+    uint64_t mask, far; /* far: the eye is */
 } Beams;
+#define FAR_EYE 8.0 /* times the mesh's largest coordinate */
+#define NEAR_WINDOW 0.25 /* of the way to the eye: a corner nearer to the origin */
 
 /* Where they lie in one of them. */
 typedef struct Places {
@@ -167,7 +177,7 @@ typedef struct Neighbours {
 /* beams.inc.h, facets.inc.h, cover.inc.h */
 typedef struct FacetSearch {
     /* Windows as the search takes them. */
-    void (*read)(Beams *b, bool f64, const void *rays, uint64_t mask, uint32_t width);
+    void (*read)(Beams *b, bool f64, const void *rays, uint64_t mask, uint32_t width, double magnitude);
     void (*place)(const Window *window, const Beams *b, uint32_t width, Places *out);
     /* Fills store->near with the triangles in a rectangle of the window. */
     void (*list)(Search *s, const Window *window, const Rectangle *r);
@@ -213,7 +223,8 @@ static inline void window_facets(const Search *s, uint32_t n) {
             double *to = k < 3 ? f->g[k] : f->depth;
             to[0] = s->alike ? near->along[0][k] : window_dot(normal, s->window.u);
             to[1] = s->alike ? near->along[1][k] : window_dot(normal, s->window.v);
-            to[2] = window_dot(normal, s->window.c);
+            to[2] = window_dot(normal, s->window.q);
+            if (s->window.far) to[2] += s->window.own * near->base[k];
         }
         f->most = c->most, f->triangle = c->triangle, f->turned = near->turned;
     }
