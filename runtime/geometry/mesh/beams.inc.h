@@ -15,9 +15,10 @@ INLINE void size_of(const D8 *x, D8 *size) {
 
 /* Borders of windows and of their parts do not move, so an edge that lies on the border of two moves in neither: a
  * square whose corners are those of pixels. Windows are put aside, all alike, by more than what counts as on a line and
- * than rounding moves their corners by, less than anyone measures in that precision. */
-#define ASIDE_S 7.3e-13
-#define ASIDE_T 5.9e-13
+ * than rounding moves their corners by, and by more than COVERED, or the sliver that is left beside an edge were lost
+ * with the edge; by less than anyone measures in that precision. */
+#define ASIDE_S 2.3e-12
+#define ASIDE_T 1.9e-12
 #define ASIDE_MOST 0x1p-14
 
 /* Of a side of the windows, from its size as seen from the eye. */
