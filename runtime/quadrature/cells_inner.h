@@ -447,7 +447,7 @@ bool cells_grow(Cells *c, void *array, uint32_t *cap, uint32_t need, size_t size
  * by, the two may disagree. Along a face of a cell a line then is in both cells, and at the one where rays differ it
  * counts. */
 enum { CELL_RAY = 16 };
-static inline double cells_doubt(const CellEdge *e) { return (e->event.line ? CELL_RAY : 0) * e->error; }
+static inline double cells_doubt(const CellEdge *e) { return e->event.line ? CELL_RAY * e->error : 0; }
 /* Does g, of which these are the values at the two ends of a column, come to 0 between them? */
 static inline bool cells_spans(const CellEdge *e, int axis, double lo, double hi) {
     const double up = e->rises[axis], near = cells_doubt(e);
