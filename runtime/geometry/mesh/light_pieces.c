@@ -315,7 +315,7 @@ void light_shine(Light *l) {
         Shown *s = &store->shown.data[i];
         Polygon below;
         if (l->lobe) split(&s->p, l->clip[1], 1, LINE_FIXED, &below);
-        if (s->p.n >= 3) light_add(l, &s->p, store->near.data + s->from, s->n);
+        if (s->p.n >= 3) light_add(l, &s->p, s->n ? store->near.data + s->from : NULL, s->n);
     }
 }
 

@@ -88,9 +88,9 @@ static void measure_sheets(Search *s, const Beams *b, const Neighbours *group) {
     Store *store = s->store;
     uint32_t n = 0;
     for (uint32_t k = group->base; k <= group->last; k++) {
-        Candidate *c = store->candidate.data + group->first[k];
         const uint32_t count = group->first[k + 1] - group->first[k];
         if (count < 2 || count > FEW_FACETS) continue;
+        Candidate *c = store->candidate.data + group->first[k];
         uint32_t nearest = 0;
         for (uint32_t i = 1; i < count; i++)
             if (c[i].most > c[nearest].most || (c[i].most == c[nearest].most && c[i].triangle < c[nearest].triangle))
