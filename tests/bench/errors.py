@@ -55,7 +55,7 @@ def bench(saltus, source, *options, estimators=ALL, repeats=8, seconds=240):
 
 
 # ---- plots of what `bench` does not plot itself
-COLOURS = ("#1b6ca8", "#c0392b", "#2e8b57", "#8e44ad", "#d68910", "#555555")
+COLOURS = ("#1b6ca8", "#c0392b", "#2e8b57", "#8e44ad", "#d68910", "#555555", "#0e9aa7")
 
 
 def plot(path, title, x_name, y_name, curves):
