@@ -158,21 +158,21 @@ class Pieces(Case):
         """A square whose corners are those of pixels, and a floor behind it: borders of pixels do not move, and its edges must in one of two."""
         square = lambda a, z: "".join("v %g %g %g\n" % (x * a, y * a, z) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
         self.put("two.obj", "g floor\n" + square(3, -0.001) + "f 1 2 3 4\ng square\n" + square(1, 0) + "f 5 6 7 8\n")
-        self.put("s.salt", """param float size = 0.5;
+        self.put("s.salt", """const float AWAY = 1e3; param float size = 0.5;
             float3 grown(int i, float3 p, int part) { return part == 0 ? p : float3(p.xy * size, p.z); }
             [Vertex(grown)] [NoDiff] param mesh two = "two.obj";
             shader float main(float2 x) {
                 float2 n = float2(resolution()), at = float2(pixel());
-                Beam b = { float3(0.0, 0.0, 1e3), float3(-1.0 + 2.0 * at.x / n.x, 1.0 - 2.0 * (at.y + 1.0) / n.y, 0.0), float3(2.0 / n.x, 0.0, 0.0), float3(0.0, 2.0 / n.y, 0.0) };
+                Beam b = { float3(0.0, 0.0, AWAY), float3(-1.0 + 2.0 * at.x / n.x, 1.0 - 2.0 * (at.y + 1.0) / n.y, 0.0), float3(2.0 / n.x, 0.0, 0.0), float3(0.0, 2.0 / n.y, 0.0) };
                 float sum = 0.0;
                 for (Piece q = two.first(b); q.found; q = two.next(q)) sum += q.area * (q.part == 0 ? 0.25 : 1.0);
                 return sum;
             }""")
         for n in 1, 4, 12, 100:
             self.put("one.pfm", write_pfm(n, n, 1, [1 / (n * n)] * (n * n)))
-            for precision, close in ("f32", 1e-6), ("f64", 1e-7):
-                j = self.json_cli("grad", "s.salt", "--adjoint", "one.pfm", "--size", str(n), "--precision", precision)
-                self.assertAlmostEqual(j["gradient"]["size"], 0.75, delta=close, msg=(n, precision))
+            for precision, close, away in ("f32", 1e-6, "1e3"), ("f64", 1e-7, "1e3"), ("f32", 1e-6, "2.0"), ("f64", 1e-7, "2.0"), ("f64", 1e-7, "0.7"):
+                j = self.json_cli("grad", "s.salt", "--adjoint", "one.pfm", "--size", str(n), "--precision", precision, "--set", "AWAY=" + away)
+                self.assertAlmostEqual(j["gradient"]["size"], 0.75, delta=close, msg=(n, precision, away))
 
     def test_once_for_value_and_derivative(self):
         """What the value of a loss has seen serves its derivative: more windows than are kept, two meshes, pixels without a residual."""
