@@ -24,31 +24,20 @@ static TrimeshIsa best_isa(void) {
     return TRIMESH_ISA_PLAIN;
 }
 
-static const BvhSearches *searches(TrimeshIsa isa) {
-#if defined(__x86_64__)
-    if (isa == TRIMESH_ISA_AVX512) return &bvh_avx512;
-    if (isa == TRIMESH_ISA_AVX2) return &bvh_avx2;
-#endif
-    (void)isa;
-    return &bvh_plain;
-}
+/* What is compiled once for each instruction set. */
+typedef struct Compiled {
+    const BvhSearches *rays;
+    const struct FacetSearch *facets;
+    const BeamSearch *beam;
+} Compiled;
 
-static const struct FacetSearch *facets(TrimeshIsa isa) {
+static Compiled compiled_for(TrimeshIsa isa) {
 #if defined(__x86_64__)
-    if (isa == TRIMESH_ISA_AVX512) return &facets_avx512;
-    if (isa == TRIMESH_ISA_AVX2) return &facets_avx2;
+    if (isa == TRIMESH_ISA_AVX512) return (Compiled){&bvh_avx512, &facets_avx512, &beam_avx512};
+    if (isa == TRIMESH_ISA_AVX2) return (Compiled){&bvh_avx2, &facets_avx2, &beam_avx2};
 #endif
     (void)isa;
-    return &facets_plain;
-}
-
-static const BeamSearch *beams(TrimeshIsa isa) {
-#if defined(__x86_64__)
-    if (isa == TRIMESH_ISA_AVX512) return &beam_avx512;
-    if (isa == TRIMESH_ISA_AVX2) return &beam_avx2;
-#endif
-    (void)isa;
-    return &beam_plain;
+    return (Compiled){&bvh_plain, &facets_plain, &beam_plain};
 }
 
 /* ---- queries */
@@ -252,9 +241,8 @@ SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void
     Trimesh *m = calloc(1, sizeof *m);
     if (!m) return status_fail(err, SLT_LIMIT, "out of memory for a mesh");
     m->from = *from;
-    m->rays = searches(isa ? isa : best_isa());
-    m->facets = facets(isa ? isa : best_isa());
-    m->beam = beams(isa ? isa : best_isa());
+    const Compiled c = compiled_for(isa ? isa : best_isa());
+    m->rays = c.rays, m->facets = c.facets, m->beam = c.beam;
     m->lost = &m->lost_;
     m->base.shared.made = m;
     m->base.ops = &geometry_mesh;
