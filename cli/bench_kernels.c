@@ -1,5 +1,5 @@
-/* Nanoseconds a sample of every kernel, on one thread: batches of samples in rows of an image, as the runtime runs
- * them; the median of interleaved rounds. */
+/* Nanoseconds a sample of every kernel, on one thread: the middles of the pixels of an image, in tiles as the runtime
+ * runs them; the median of interleaved rounds. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -8,12 +8,20 @@
 #include "cli/bench.h"
 #include "compiler/pass/walk.h"
 
-enum { N = 4096, ROUNDS = 9, LOG = 1 << 20 };
+enum {
+    SIDE = 32,       /* of a tile, in pixels; of a volume's SIDE / 4 */
+    N = SIDE * SIDE, /* samples of a tile at most: those of one call */
+    TILES = 64,      /* spread evenly over an image that has more */
+    ROUNDS = 9,
+    LOG = 1 << 20
+};
 
 static const int shown[] = {K_VALUE, K_REGION, K_EVENT, K_SIDES, K_SITE, K_SITE_GRAD, K_VJP, K_SITE_VJP};
 enum { NSHOWN = sizeof shown / sizeof *shown };
 
+/* The samples of all tiles, one after the other, and room for what one call makes of them. */
 typedef struct Buffers {
+    uint32_t ntiles, n, stride; /* n: samples of a tile, which lie `stride` after those before */
     void *in[SLT_IN_VARYING], *out[SLT_OUT_MAX], *adj, *tape, *log_index, *log_value;
     SltKernelArgs args;
 } Buffers;
@@ -32,11 +40,44 @@ static void free_buffers(Buffers *b) {
     free(b->log_value);
 }
 
-/* Samples: a 64 x 64 raster of the domain; pairs of ends are neighbours in x. */
-static bool make_buffers(SltProgram *p, Buffers *b) {
+static void place_samples(const SltProgram *p, const uint32_t size[3], Buffers *b) {
+    double lo[3], hi[3];
+    slt_domain(p, lo, hi);
+    uint32_t dim = slt_dim(p), side[3] = {1, 1, 1};
+    uint64_t tiles = 1, across[3] = {1, 1, 1};
+    b->n = 1;
+    for (uint32_t d = 0; d < dim; d++) {
+        uint32_t want = dim == 1 ? N : dim == 2 ? SIDE : SIDE / 4;
+        side[d] = size[d] < want ? size[d] : want;
+        across[d] = size[d] / side[d];
+        tiles *= across[d], b->n *= side[d];
+    }
+    b->ntiles = tiles < TILES ? (uint32_t)tiles : TILES;
+    b->stride = (b->n + SLT_PAD - 1) / SLT_PAD * SLT_PAD;
+    for (uint32_t t = 0; t < b->ntiles; t++) {
+        /* in the middle of its part of all: the first tile of a row lies at every place across, not always at the left
+         */
+        uint64_t tile = (uint64_t)((t + 0.5) / b->ntiles * (double)tiles);
+        for (uint32_t i = 0; i < b->n; i++) {
+            uint64_t at = tile, in = i;
+            uint32_t k = t * b->stride + i;
+            for (uint32_t d = 0; d < dim; d++) {
+                uint64_t pixel = at % across[d] * side[d] + in % side[d];
+                at /= across[d], in /= side[d];
+                set_flt(p, b->in[SLT_IN_X0 + d], (int)k, lo[d] + ((double)pixel + 0.5) / size[d] * (hi[d] - lo[d]));
+                if (d < 2) ((int32_t *)b->in[SLT_IN_PIXEL0 + d])[k] = (int32_t)(d ? size[1] - 1 - pixel : pixel);
+            }
+            set_flt(p, b->in[SLT_IN_RAND0], (int)k, fmod(k * 0.618033988749895, 1.0));
+            ((int32_t *)b->in[SLT_IN_STREAM])[k] = (int32_t)k;
+            for (int s = 0; s < SLT_MAX_CHANNELS; s++) set_flt(p, b->in[SLT_IN_SEED0 + s], (int)k, 1);
+        }
+    }
+}
+
+static bool make_buffers(SltProgram *p, const uint32_t size[3], Buffers *b) {
     size_t bytes = (N + SLT_PAD) * sizeof(double), lanes = p->scene.flat_adj ? 1 : p->scene.width;
     bool ok = true;
-    for (int i = 0; i < SLT_IN_VARYING; i++) ok &= (b->in[i] = aligned_alloc(64, bytes)) != NULL;
+    for (int i = 0; i < SLT_IN_VARYING; i++) ok &= (b->in[i] = aligned_alloc(64, TILES * bytes)) != NULL;
     for (int i = 0; i < SLT_OUT_MAX; i++) ok &= (b->out[i] = aligned_alloc(64, bytes)) != NULL;
     size_t adj = ((size_t)slt_float_count(p) * lanes * 8 + 127) & ~(size_t)63;
     size_t tape = (((size_t)p->scene.tape_bytes + 64) * p->scene.width + 4096 + 63) & ~(size_t)63;
@@ -47,27 +88,37 @@ static bool make_buffers(SltProgram *p, Buffers *b) {
     b->log_value = malloc((LOG + SLT_PAD) * sizeof(double));
     if (!ok || !b->adj || !b->tape || !b->log_index || !b->log_value) return false;
     memset(b->adj, 0, adj);
-    double lo[3], hi[3];
-    slt_domain(p, lo, hi);
-    for (int i = 0; i < SLT_IN_VARYING; i++) {
-        memset(b->in[i], 0, bytes);
-        b->args.in[i] = b->in[i];
-    }
-    for (int i = 0; i < N + SLT_PAD; i++) {
-        double u[3] = {(i % 64 + 0.5) / 64, ((i / 64) % 64 + 0.5) / 64, ((i * 37) % 64 + 0.5) / 64};
-        for (uint32_t d = 0; d < 3; d++) set_flt(p, b->in[IN_X0 + d], i, lo[d] + u[d] * (hi[d] - lo[d]));
-        set_flt(p, b->in[IN_RAND0], i, fmod(i * 0.618033988749895, 1.0));
-        ((int32_t *)b->in[IN_STREAM])[i] = i;
-        for (int s = 0; s < SLT_MAX_CHANNELS; s++) set_flt(p, b->in[IN_SEED0 + s], i, 1);
-    }
+    for (int i = 0; i < SLT_IN_VARYING; i++) memset(b->in[i], 0, TILES * bytes);
+    place_samples(p, size, b);
     for (int i = 0; i < SLT_OUT_MAX; i++) b->args.out[i] = b->out[i];
     b->args.params = p->flt, b->args.iparams = p->ints, b->args.geometries = p->geometries;
     b->args.adj = b->adj;
     b->args.log_index = b->log_index, b->args.log_value = b->log_value, b->args.log_cap = LOG;
     b->args.tape = b->tape, b->args.tape_bytes = tape;
-    b->args.resolution[0] = b->args.resolution[1] = 64;
-    b->args.n_valid = N;
+    b->args.resolution[0] = size[0], b->args.resolution[1] = size[1];
+    b->args.n_valid = b->n;
     return true;
+}
+
+static const bool is_float[SLT_IN_VARYING] = {
+#define FLT true
+#define INT false
+#define SLT_INPUT(id, text, type, ...) type,
+#include "saltus/kernel.def"
+#undef FLT
+#undef INT
+};
+
+/* All tiles once. */
+static void run_kernel(Buffers *b, SltKernel *f, bool f64) {
+    for (uint32_t t = 0; t < b->ntiles; t++) {
+        for (int i = 0; i < SLT_IN_VARYING; i++) {
+            size_t element = f64 && is_float[i] ? sizeof(double) : sizeof(float);
+            b->args.in[i] = (char *)b->in[i] + (size_t)t * b->stride * element;
+        }
+        f(&b->args, b->n);
+        b->args.log_len = 0;
+    }
 }
 
 static int compare(const void *a, const void *b) {
@@ -77,21 +128,22 @@ static int compare(const void *a, const void *b) {
 
 int bench_kernels(Cli *c, SltProgram *p) {
     SltError err = {0};
+    int prepared = cli_prepare_job(c, p);
+    if (prepared != SLT_OK) return prepared;
     bool needs[K_KINDS] = {false};
     for (int k = 0; k < NSHOWN; k++) needs[shown[k]] = true;
     SltStatus status = api_kernels(p, needs, &err);
     if (status == SLT_OK) status = api_geometries(p, &err);
     if (status != SLT_OK) return cli_fail(c, &err);
     Buffers b = {0};
-    if (!make_buffers(p, &b)) return free_buffers(&b), cli_error(SLT_LIMIT, "out of memory");
+    if (!make_buffers(p, c->job.size, &b)) return free_buffers(&b), cli_error(SLT_LIMIT, "out of memory");
     double ns[NSHOWN][ROUNDS];
     int calls[NSHOWN];
     for (int k = 0; k < NSHOWN; k++) {
         SltKernel *f = p->scene.kernel[shown[k]];
         if (!f) continue;
         double start = cli_now();
-        f(&b.args, N);
-        b.args.log_len = 0;
+        run_kernel(&b, f, p->opt.f64);
         double once = cli_now() - start;
         calls[k] = (int)fmin(2000, fmax(1, 0.02 / fmax(once, 1e-7)));
     }
@@ -100,11 +152,8 @@ int bench_kernels(Cli *c, SltProgram *p) {
             SltKernel *f = p->scene.kernel[shown[k]];
             if (!f) continue;
             double start = cli_now();
-            for (int i = 0; i < calls[k]; i++) {
-                f(&b.args, N);
-                b.args.log_len = 0;
-            }
-            ns[k][r] = (cli_now() - start) / calls[k] / N * 1e9;
+            for (int i = 0; i < calls[k]; i++) run_kernel(&b, f, p->opt.f64);
+            ns[k][r] = (cli_now() - start) / calls[k] / ((double)b.ntiles * b.n) * 1e9;
         }
     double base = 0;
     if (c->json) printf("{\"kernels\": {");
