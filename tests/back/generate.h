@@ -102,6 +102,43 @@ static void gen_if(Gen *g, Builder *b) {
         if (gen_below(g, 4)) gen_add(g, ir_proj(b, i, r));
 }
 
+static Inst *gen_carried(Gen *g, Inst *c) { return gen_below(g, 2) ? c : gen_pick(g, (IrType)c->type); }
+
+/* The end of a loop's body, as `break` and `continue` make it: nested ifs of which one side computes nothing. Fills the
+ * carried values and the flag to go on (NULL: true), which is that of the side taken. */
+static void gen_end(Gen *g, Builder *b, uint32_t nest, uint32_t n, Inst *const *carried, Inst **values, Inst **flag) {
+    gen_body(g, b, 1 + gen_below(g, 4));
+    if (!nest || !gen_below(g, 4)) {
+        for (uint32_t r = 0; r < n; r++) values[r] = gen_carried(g, carried[r]);
+        *flag = gen_below(g, 2) ? gen_pick(g, TY_BOOL) : ir_constb(b, gen_below(g, 4) != 0);
+        return;
+    }
+    Inst *i = ir_if(b, gen_pick(g, TY_BOOL)), *inner[6];
+    bool leaves = gen_below(g, 2); /* then result n says whether it leaves, else whether it stays */
+    uint32_t empty = gen_below(g, 2);
+    g->depth++;
+    for (uint32_t s = 0; s < 2; s++) {
+        GenScope scope = gen_enter(g);
+        Builder in = ir_at_end(g->fn, i->region[s]);
+        Inst *f;
+        if (s == empty) {
+            for (uint32_t r = 0; r < n; r++) inner[r] = gen_carried(g, carried[r]);
+            f = gen_below(g, 4) ? ir_constb(&in, gen_below(g, 2)) : gen_pick(g, TY_BOOL);
+        } else {
+            gen_end(g, &in, nest - 1, n, carried, inner, &f);
+        }
+        inner[n] = !leaves ? f : ir_is_const(f) ? ir_constb(&in, !f->imm.i) : ir_emit1(&in, OP_bnot, f);
+        ir_yield(&in, n + 1, inner);
+        gen_leave(g, scope);
+    }
+    g->depth--;
+    for (uint32_t r = 0; r <= n; r++) values[r] = ir_proj(b, i, r);
+    *flag = leaves ? ir_emit1(b, OP_bnot, values[n]) : values[n];
+    if (!gen_below(g, 4)) *flag = ir_emit2(b, OP_band, *flag, gen_pick(g, TY_BOOL));
+    for (uint32_t r = 0; r < n; r++)
+        if (!gen_below(g, 8)) values[r] = gen_carried(g, carried[r]);
+}
+
 static void gen_loop(Gen *g, Builder *b) {
     uint32_t n = 1 + gen_below(g, 4), trips = 1 + gen_below(g, 5);
     Inst *init[4];
@@ -116,13 +153,18 @@ static void gen_loop(Gen *g, Builder *b) {
     for (uint32_t r = 0; r < body->nparams; r++) gen_add(g, body->params[r]);
     Builder in = ir_at_end(g->fn, body);
     g->depth++;
-    gen_body(g, &in, 2 + gen_below(g, 8));
+    Inst *values[6], *ends = NULL;
+    IrType types[4];
+    for (uint32_t r = 0; r < n; r++) types[r] = (IrType)init[r]->type;
+    if (gen_below(g, 2)) gen_end(g, &in, 3, n, body->params + 1, values + 1, &ends);
+    else gen_body(g, &in, 2 + gen_below(g, 8));
     g->depth--;
-    Inst *values[5];
     Inst *more = ir_emit2(&in, OP_ilt, ir_emit2(&in, OP_iadd, body->params[0], ir_consti(&in, 1)),
                           ir_consti(&in, (int32_t)trips));
-    values[0] = gen_below(g, 2) ? ir_emit2(&in, OP_band, more, gen_pick(g, TY_BOOL)) : more;
-    for (uint32_t r = 0; r < n; r++) values[r + 1] = gen_pick(g, (IrType)init[r]->type);
+    values[0] = ends              ? ir_emit2(&in, OP_band, more, ends)
+                : gen_below(g, 2) ? ir_emit2(&in, OP_band, more, gen_pick(g, TY_BOOL))
+                                  : more;
+    for (uint32_t r = 0; r < n && !ends; r++) values[r + 1] = gen_pick(g, types[r]);
     ir_yield(&in, n + 1, values);
     gen_leave(g, scope);
     for (uint32_t r = 0; r < n; r++)

@@ -1,5 +1,5 @@
 /* One kernel: the loop over vectors of samples, and the helpers every emitting file uses. Control flow is in
- * emit_control.c, value rows in emit_ops.c; emit_memory.c says which file emits what touches memory.
+ * emit_if.c and emit_loop.c, value rows in emit_ops.c; emit_memory.c says which file emits what touches memory.
  *
  * entry: stack objects only    setup: pointers, uniform inputs, uniform arithmetic of the top block    sample: one
  * vector    exit: ret */
@@ -304,8 +304,10 @@ static void split_long_block(Emit *e) {
 
 void emit_control(Emit *e, Inst *i);
 
-void emit_block(Emit *e, Block *b) {
-    for (Inst *i = b->first; i && !e->error; i = i->next) {
+void emit_block(Emit *e, Block *b) { emit_range(e, b->first, NULL); }
+
+void emit_range(Emit *e, Inst *from, const Inst *end) {
+    for (Inst *i = from; i != end && !e->error; i = i->next) {
         if (!ir_ops[i->op].special) {
             if (!emit_slot(e, i)[0]) {
                 if (i->op != OP_band || !emit_pairs_apart(e, i)) emit_value_op(e, i);

@@ -84,7 +84,9 @@ void emit_incoming(Emit *e, Part phi, Part v, LLVMBasicBlockRef from);
 Part emit_any(Emit *e, const Part *mask); /* i1: some lane is on */
 /* mask & m for the current mask; the result may be m itself. */
 void emit_and_mask(Emit *e, const Part *m, Part *out);
-void emit_block(Emit *e, Block *b);            /* instructions of a block without its yield */
+void emit_block(Emit *e, Block *b); /* instructions of a block without its yield */
+void emit_range(Emit *e, Inst *from,
+                const Inst *end);              /* those of a block from `from` to before `end`, NULL: to its end */
 void emit_outputs(Emit *e, const Inst *yield); /* stores the outputs of the top yield */
 
 /* ---- emit_ops.c: value rows */
