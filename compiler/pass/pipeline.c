@@ -31,6 +31,7 @@ void pipeline_primal(PassCtx *ctx, Fn *fn) {
     RUN(opt_induction);
     RUN(opt_dce);
     if (RUN(opt_unroll)) RUN(opt_fold);
+    RUN(opt_jam);
     RUN(opt_cse);
     RUN(opt_licm);
     RUN(opt_levels);                     /* before the next, which makes two sites of what it leaves, */
