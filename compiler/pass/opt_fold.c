@@ -1,7 +1,7 @@
 /* Constants and exact identities, to a fixpoint in one walk: values are replaced as their uses come by.
  *
  * Only rewrites that keep every bit: x*1, x-0, x+(-0), select of equal arms or on a constant, if_ on a constant (its
- * region is spliced in), loops that run once, carried values that never change. */
+ * region is spliced in), loops that run once, carried values that never change before the loop ends. */
 #include <string.h>
 
 #include "compiler/pass/walk.h"
@@ -131,8 +131,18 @@ static void fold_if(Fold *f, Inst *i) {
     }
 }
 
+/* Is v, a boolean, `value` wherever the flag is true? */
+static bool tells(const Inst *flag, const Inst *v, bool value) {
+    if (flag->op == OP_band) return tells(flag->args[0], v, value) || tells(flag->args[1], v, value);
+    return value ? flag == v : flag->op == OP_bnot && flag->args[0] == v;
+}
+
 static void fold_loop(Fold *f, Inst *i) {
     Block *body = i->region[0];
+    /* What ends the loop when it changes has its initial value in every iteration: "already found" is false. */
+    for (uint32_t c = 0; c < i->nargs; c++)
+        if (i->args[c]->op == OP_constb && tells(body->last->args[0], body->last->args[c + 1], i->args[c]->imm.i != 0))
+            replace(f, body->params[c + 1], i->args[c]);
     /* A carried value that its own next value returns is its initial value. */
     for (uint32_t c = 0; c < i->nargs; c++)
         if (body->last->args[c + 1] == body->params[c + 1]) replace(f, body->params[c + 1], i->args[c]);
