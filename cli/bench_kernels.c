@@ -76,12 +76,12 @@ static void place_samples(const SltProgram *p, const uint32_t size[3], Buffers *
 }
 
 static bool make_buffers(SltProgram *p, const uint32_t size[3], Buffers *b) {
-    size_t bytes = (N + SLT_PAD) * sizeof(double), lanes = p->scene.flat_adj ? 1 : p->scene.width;
+    size_t bytes = (N + SLT_PAD) * sizeof(double), lanes = p->scene.adj_lanes;
     bool ok = true;
     for (int i = 0; i < SLT_IN_VARYING; i++) ok &= (b->in[i] = aligned_alloc(64, TILES * bytes)) != NULL;
     for (int i = 0; i < SLT_OUT_MAX; i++) ok &= (b->out[i] = aligned_alloc(64, bytes)) != NULL;
     size_t adj = ((size_t)slt_float_count(p) * lanes * 8 + 127) & ~(size_t)63;
-    size_t tape = (((size_t)p->scene.tape_bytes + 64) * p->scene.width + 4096 + 63) & ~(size_t)63;
+    size_t tape = (((size_t)p->scene.tape_bytes + 64) * SLT_PAD + 4096 + 63) & ~(size_t)63;
     if (p->scene.tape_grows) tape += (size_t)1 << 28; /* of the pages those that are touched */
     b->adj = aligned_alloc(64, adj);
     b->tape = aligned_alloc(64, tape);
@@ -172,7 +172,7 @@ int bench_kernels(Cli *c, SltProgram *p) {
         qsort(ns[k], ROUNDS, sizeof **ns, compare);
         double median = ns[k][ROUNDS / 2];
         if (shown[k] == K_VALUE) base = median;
-        uint32_t width = p->module_of[shown[k]] ? back_width(p->module_of[shown[k]]) : p->scene.width,
+        uint32_t width = p->module_of[shown[k]] ? back_width(p->module_of[shown[k]], kernel_names[shown[k]]) : 1,
                  ops = walk_fn_size(p->fn[shown[k]]);
         unsigned long long tape = p->tape[shown[k]].bytes_per_lane;
         if (c->json) {

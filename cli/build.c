@@ -190,7 +190,7 @@ static void emit(Session *s, void *user) {
             req[n++] = (KernelRequest){arena_printf(&s->module, "%s_%s", e->stem, kernel_names[k]), e->p->fn[k]};
     BackOptions bo = {.target = e->p->target,
                       .width = e->c->opt.width,
-                      .adj = e->p->scene.flat_adj ? ADJ_FLAT : ADJ_LANES,
+                      .adj = api_adjoint_lanes(e->p) == 1 ? ADJ_FLAT : ADJ_LANES,
                       .opt_level = 2,
                       .pixels = api_pixels(e->p)};
     e->status = (SltStatus)back_emit(s, req, n, &bo, e->kind == 'S' ? 'o' : e->kind, &e->code, &e->size, &e->why);

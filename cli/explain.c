@@ -78,10 +78,11 @@ static void print_sites(const Explained *m) {
 }
 
 static void print_kernels(const Explained *m) {
-    printf("\nkernels (%u lanes of %s)\n  %-12s %8s %14s\n", m->width, m->f64 ? "f64" : "f32", "", "IR", "LLVM");
+    printf("\nkernels (%s)\n  %-12s %8s %14s %8s\n", m->f64 ? "f64" : "f32", "", "IR", "LLVM", "lanes");
     for (int k = 0; k < K_KINDS; k++)
         if (!m->kernels[k].left_out)
-            printf("  %-12s %8u %14u\n", m->kernels[k].name, m->kernels[k].ops, m->kernels[k].instructions);
+            printf("  %-12s %8u %14u %8u\n", m->kernels[k].name, m->kernels[k].ops, m->kernels[k].instructions,
+                   m->kernels[k].lanes);
     for (int k = 0; k < K_KINDS; k++)
         if (m->kernels[k].tape)
             printf("\ntape of %s: at most %llu bytes a lane\n%s\n", m->kernels[k].name,
@@ -205,8 +206,8 @@ static void json_kernels(const Explained *m) {
     for (int k = 0; k < K_KINDS; k++) {
         const ExplainedKernel *i = &m->kernels[k];
         if (i->left_out) continue;
-        printf("%s\"%s\": {\"ops\": %u, \"instructions\": %u, \"tape_bytes\": %llu}", first ? "" : ", ", i->name,
-               i->ops, i->instructions, (unsigned long long)i->tape_bytes);
+        printf("%s\"%s\": {\"ops\": %u, \"instructions\": %u, \"lanes\": %u, \"tape_bytes\": %llu}", first ? "" : ", ",
+               i->name, i->ops, i->instructions, i->lanes, (unsigned long long)i->tape_bytes);
         first = false;
     }
 }

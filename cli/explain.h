@@ -17,6 +17,7 @@ typedef struct ExplainedSite {
 
 typedef struct ExplainedKernel {
     const char *name, *left_out; /* left_out: why the kernel was not made, or NULL */
+    uint32_t lanes;              /* samples side by side */
     uint32_t ops, instructions;  /* operations of our IR, instructions of LLVM's after its passes */
     uint64_t tape_bytes;         /* a lane */
     const char *tape;            /* the report on what is stored, or NULL */

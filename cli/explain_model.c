@@ -120,6 +120,7 @@ static void explain_kernels(const Inside *e, Explained *out) {
             continue;
         }
         kernel->ops = walk_fn_size(p->fn[k]);
+        kernel->lanes = p->module_of[k] ? back_width(p->module_of[k], kernel_names[k]) : 1;
         kernel->instructions = p->module_of[k] ? back_instructions(p->module_of[k], kernel_names[k]) : 0;
         kernel->tape_bytes = p->tape[k].bytes_per_lane;
         if (p->tape[k].text && p->tape[k].text[0]) kernel->tape = p->tape[k].text;
@@ -225,7 +226,7 @@ SltStatus explain_program(const Cli *c, SltProgram *p, Explained *out, SltError 
                        .display = g->display,
                        .nfloats = program_floats(g),
                        .nints = g->nints - g->ntopology,
-                       .width = p->scene.width,
+                       .width = p->scene.widest,
                        .ncull = g->ncull,
                        .f64 = p->opt.f64,
                        .near_miss = api_near_miss(p),

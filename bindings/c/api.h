@@ -189,9 +189,10 @@ AssetProbe api_probe_asset;
 OpenLength api_open_length; /* of opt.lengths */
 
 /* ---- kernels.c: facts of the program */
-uint64_t api_event_bound(const SltProgram *p); /* the most events that one sample may meet */
-bool api_too_many_sites(const SltProgram *p);  /* written out, to compile what looks for boundaries */
-BackPixels api_pixels(const SltProgram *p);    /* what its value kernel writes: 8-bit pixels for a screen, or floats */
-bool api_near_miss(const SltProgram *p);       /* do its kernels note the nearest event, for the near-miss probe? */
+uint64_t api_event_bound(const SltProgram *p);   /* the most events that one sample may meet */
+bool api_too_many_sites(const SltProgram *p);    /* written out, to compile what looks for boundaries */
+uint32_t api_adjoint_lanes(const SltProgram *p); /* SltScene.adj_lanes */
+BackPixels api_pixels(const SltProgram *p); /* what its value kernel writes: 8-bit pixels for a screen, or floats */
+bool api_near_miss(const SltProgram *p);    /* do its kernels note the nearest event, for the near-miss probe? */
 
 #endif

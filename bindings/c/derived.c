@@ -116,9 +116,8 @@ static void compile(Request *q, uint32_t d, int kind) {
     back_times(state->module[kind], &emit, &llvm, &cached);
     p->ms_llvm += emit + llvm, p->cached &= cached;
     scene->kernel[kind] = back_kernel(state->module[kind], kernel_names[kind]);
-    uint32_t width = back_width(state->module[kind]);
+    uint32_t width = back_width(state->module[kind], kernel_names[kind]);
     if (width > scene->widest) scene->widest = width;
-    if (width > scene->width) scene->width = width;
 }
 
 static void build(Session *s, void *user) {
@@ -141,13 +140,12 @@ static void build(Session *s, void *user) {
         pipeline_kernels(&passes, of->of, needs, NULL, &ad, &set);
         *scene = (SltScene){
             .f64 = p->opt.f64,
-            .flat_adj = true,
             .dim = 1,
             .channels = 3,
             .hi = {1},
             .nfloats = p->prog->nfloats,
             .nints = p->prog->nints,
-            .width = scene->width,
+            .adj_lanes = 1,
             .widest = scene->widest,
             .tape_bytes = scene->tape_bytes,
             .tape_grows = scene->tape_grows,

@@ -17,7 +17,7 @@ enum { LONE_SITE_KERNEL = 128 };
 /* Each site that is written out makes blocks of its own in several kernels, and what LLVM does with them grows with
  * the square: 1000 discs took 27 s of processor time, 7 s without optimisation. */
 enum { MANY_SITES = 512, MOST_SITES = 2048 };
-/* Above this many bytes of adjoints with a sum a lane, kernels add the lanes up themselves (flat_adj). */
+/* Above this many bytes of adjoints with a sum a lane, kernels add the lanes up themselves (ADJ_FLAT). */
 enum { LANE_ADJOINT_BYTES = 1 << 17 };
 
 static double now_ms(void) {
@@ -31,6 +31,13 @@ uint64_t api_event_bound(const SltProgram *p) {
     const Fn *primal = p->prog->primal;
     for (uint32_t s = 0; s < primal->nsites; s++) n += primal->sites[s].still ? 0 : primal->sites[s].max_events;
     return n;
+}
+
+uint32_t api_adjoint_lanes(const SltProgram *p) {
+    if (p->opt.interpret) return 1;
+    BackOptions o = {.target = p->target, .width = p->opt.width, .adj = ADJ_LANES};
+    uint32_t lanes = back_adjoint_lanes(&o, p->opt.f64 ? PREC_F64 : PREC_F32);
+    return (size_t)p->prog->nfloats * lanes * (p->opt.f64 ? 8 : 4) > LANE_ADJOINT_BYTES ? 1 : lanes;
 }
 
 BackPixels api_pixels(const SltProgram *p) {
@@ -103,7 +110,8 @@ static void fill_scene(SltProgram *p) {
     s->ncull = g->ncull;
     s->cull_bounds = p->cull_kernels, s->cull_count = p->list_counts;
     s->nlists = p->nlists, s->list_count = p->list_counts, s->list_noted = p->list_noted;
-    if (p->opt.interpret) s->call = interpret, s->call_user = p, s->flat_adj = true;
+    s->adj_lanes = api_adjoint_lanes(p);
+    if (p->opt.interpret) s->call = interpret, s->call_user = p;
 }
 
 /* Iterations of the loops with lists; *n becomes how many lists there are. */
@@ -205,7 +213,7 @@ static CompiledModule *compile(Session *s, Request *q, const KernelRequest *req,
     BackOptions bo = {.target = p->target,
                       .width = p->opt.width,
                       .few = few,
-                      .adj = p->scene.flat_adj ? ADJ_FLAT : ADJ_LANES,
+                      .adj = api_adjoint_lanes(p) == 1 ? ADJ_FLAT : ADJ_LANES,
                       .no_cache = p->opt.no_cache,
                       .opt_level = opt_level,
                       .pixels = api_pixels(p)};
@@ -293,8 +301,6 @@ static void build_body(Session *s, void *arg) {
         for (uint32_t c = 0; c < p->prog->ncull; c++)
             req[n++] = (KernelRequest){arena_printf(&s->module, "cull%u", c), p->prog->cull_bounds[c]};
     if (!n && !nlong) return;
-    size_t lane_bytes = (size_t)p->prog->nfloats * 16 * (p->opt.f64 ? 8 : 4);
-    if (q->needs[K_VJP] || q->needs[K_SITE_VJP]) p->scene.flat_adj = lane_bytes > LANE_ADJOINT_BYTES;
     CompiledModule *usual = NULL, *large = NULL;
     if (n && !(usual = compile(s, q, req, n, few, level))) return;
     if (nlong && !(large = compile(s, q, long_req, nlong, 0, 0))) return;
@@ -303,8 +309,8 @@ static void build_body(Session *s, void *arg) {
         CompiledModule *m = is_long(&set, k) ? large : usual;
         p->scene.kernel[k] = back_kernel(m, kernel_names[k]);
         p->module_of[k] = m;
-        if (k == K_VJP || k == K_SITE_VJP || !p->scene.width) p->scene.width = back_width(m);
-        if (back_width(m) > p->scene.widest) p->scene.widest = back_width(m);
+        uint32_t width = back_width(m, kernel_names[k]);
+        if (width > p->scene.widest) p->scene.widest = width;
     }
     if (q->cull)
         for (uint32_t c = 0; c < p->prog->ncull; c++)
@@ -356,7 +362,6 @@ SltStatus api_kernels_unrun(SltProgram *p, const bool needs[K_KINDS], SltError *
     if (status == SLT_OK && runs_here(p)) status = api_derived_follow(p, p->scene.iparams, err);
     if (status == SLT_OK) status = api_geometries(p, err);
     if (status != SLT_OK) return status;
-    if (!p->scene.width) p->scene.width = 16;
     return SLT_OK;
 }
 

@@ -31,7 +31,7 @@ typedef enum BackPixels { BACK_FLOATS, BACK_PIXELS_RAW, BACK_PIXELS_SRGB } BackP
 
 typedef struct BackOptions {
     Target target;
-    uint32_t width; /* lanes; 0: chosen from program and target (uniformly for all kernels of a module but `few`) */
+    uint32_t width; /* lanes; 0: chosen kernel by kernel, from the program and the target */
     uint64_t few; /* bit by kernel: it is called for few samples at a time, and takes one vector a value; not where the
                      width is given */
     AdjLayout adj;
@@ -51,14 +51,15 @@ typedef struct KernelRequest {
 bool back_dense_adjoints(Fn *fn, uint8_t *dense);
 
 typedef struct CompiledModule CompiledModule;
-/* Default width for these kernels: enough independent work to hide latency, bounded by registers. Deterministic. */
-uint32_t back_choose_width(const KernelRequest *k, uint32_t n, const Target *t);
+/* How many sums a parameter SltKernelArgs.adj has. Of ADJ_LANES as many as fill a cache line, or the width if it is
+ * less. */
+uint32_t back_adjoint_lanes(const BackOptions *o, Precision p);
 /* JIT (or from the disk cache, without loading LLVM where the build allows it). Returns an SltStatus; text in `why`
  * (arena of the session). */
 int back_compile(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, CompiledModule **out,
                  const char **why);
 SltKernel *back_kernel(const CompiledModule *m, const char *name);
-uint32_t back_width(const CompiledModule *m);
+uint32_t back_width(const CompiledModule *m, const char *name);        /* of a kernel, in lanes; 0: there is none */
 uint32_t back_instructions(const CompiledModule *m, const char *name); /* of LLVM IR, after optimisation */
 uint32_t back_machine_bytes(const CompiledModule *m, const char *name);
 void back_times(const CompiledModule *m, double *emit_ms, double *llvm_ms, bool *cached);

@@ -42,7 +42,7 @@ bool accum_init(Accum *a, const SltScene *s, uint32_t n) {
     assert(n <= ACCUMS);
     memset(a, 0, sizeof *a);
     a->s = s, a->n = n;
-    a->stride = (s->f64 ? 8 : 4) * (uint64_t)(s->flat_adj ? 1 : s->width);
+    a->stride = (s->f64 ? 8 : 4) * (uint64_t)s->adj_lanes;
     a->bytes = a->stride * s->nfloats;
     uint32_t blocks = s->nfloats / ACCUM_BLOCK + 1;
     a->adj = zero_pages(a->bytes * n + 64);
@@ -177,7 +177,7 @@ SUM_LANES(sum_f32, float)
 SUM_LANES(sum_f64, double)
 
 void accum_close(Accum *a) {
-    uint32_t lanes = a->s->flat_adj ? 1 : a->s->width;
+    uint32_t lanes = a->s->adj_lanes;
     for (uint32_t i = 0; i < a->n; i++) {
         AdjointBuffer *buf = &a->buf[i];
         buf->ntouched = 0;

@@ -12,7 +12,7 @@ enum {
 };
 
 typedef struct AdjointBuffer {
-    unsigned char *adj; /* of this tile: flt[nfloats][width], or flt[nfloats] where the scene has flat_adj. Those of one
+    unsigned char *adj; /* of this tile: flt[nfloats][adj_lanes]. Those of one
                            buffer lie behind those of the one before, as the rows of a kernel do */
     double *sum;        /* [nfloats]: adj summed over lanes */
     uint32_t *touched;  /* [ntouched]: first parameter of each block whose sum is not 0 */

@@ -89,7 +89,7 @@ bool batch_init(Batch *b, const SltScene *s, const Grid *g) {
     b->args.geometries = s->geometries;
     b->args.resolution[0] = b->args.resolution[1] = 1;
     if (image) b->args.resolution[0] = (int32_t)g->n[0], b->args.resolution[1] = (int32_t)g->n[1];
-    uint64_t lanes = s->width > SLT_PAD ? s->width : SLT_PAD;
+    uint64_t lanes = SLT_PAD;
     make_tape(b, (s->tape_bytes * lanes + 4096 + 63) & ~(uint64_t)63);
     if (!run_all(b)) return false;
 #ifndef NDEBUG

@@ -51,11 +51,10 @@ typedef struct SltScene {
     SltKernel *kernel[SLT_KERNELS]; /* by SltKernelKind; those of CULL are in cull_bounds */
     SltLayout layout[SLT_KERNELS];  /* what they read, and where their outputs are */
     bool f64;                       /* flt is double */
-    bool flat_adj;                  /* SltKernelArgs.adj is flt[nfloats]; else flt[nfloats][width] */
     const uint8_t *dense; /* [nfloats]: 1 where a kernel may add to adj; the others get their adjoints through the log
                              alone. NULL: all */
     bool site_logs;       /* SITE_VJP adds to adj nowhere */
-    uint32_t width;       /* lanes of a reverse kernel */
+    uint32_t adj_lanes;   /* SltKernelArgs.adj is flt[nfloats][adj_lanes] */
     uint32_t widest;      /* most lanes of any kernel; 0: SLT_PAD */
     uint32_t dim, channels;
     double lo[3], hi[3]; /* the domain, by axis */

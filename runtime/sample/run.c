@@ -22,7 +22,7 @@ SltStatus run_begin(Run *r, const SltScene *s, const SltJob *j, SltError *err) {
     r->s = s, r->j = j, r->err = err, r->start = pool_now();
     r->pool = pool_of_job(j, 0); /* run_tiles says how many threads */
     if (err) err->status = SLT_OK, err->text[0] = 0;
-    if (!s->width) return status_fail(err, SLT_INTERNAL, "a scene without a width");
+    if (!s->adj_lanes) return status_fail(err, SLT_INTERNAL, "a scene that has no sums of adjoints");
     SltStatus st = grid_init(&r->grid, s, j, err);
     if (st == SLT_OK) st = cull_boxes(&r->cull, s, err);
     return st;

@@ -21,7 +21,7 @@ bool tails_wanted(const Tails *t) { return t && t->components; }
 
 bool tails_init(Tails *t, const SltScene *s) {
     uint32_t active = 0;
-    *t = (Tails){.channels = s->channels, .width = s->flat_adj ? 1 : s->width};
+    *t = (Tails){.channels = s->channels, .width = s->adj_lanes};
     for (uint32_t p = 0; p < s->nfloats; p++) active += !s->active || s->active[p];
     uint64_t all = (uint64_t)active * s->channels;
     if (!all || all > COMPONENTS || !s->kernel[SLT_K_VJP]) return true;

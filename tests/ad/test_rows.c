@@ -50,7 +50,7 @@ static void run_compiled(Session *s, Fn *v, const TapeReport *tape, SltKernelArg
     a->log_index = malloc((a->log_cap + SLT_PAD) * sizeof *a->log_index);
     double *log = a->log_value = malloc((a->log_cap + SLT_PAD) * sizeof *log), *sum = a->adj;
     back_kernel(module, "vjp")(a, N);
-    uint32_t lanes = adj == ADJ_FLAT ? 1 : width;
+    uint32_t lanes = back_adjoint_lanes(&o, PREC_F64);
     for (uint32_t p = 0; p < ROWS * PARAMS; p++) {
         double all = 0;
         for (uint32_t l = 0; l < lanes; l++) all += sum[p * lanes + l];

@@ -329,10 +329,23 @@ static void test_target_runs(void **state) {
 
 /* The width depends on program and target alone: two vectors a value, one in very large kernels and in those of few
  * samples, where no width is given. */
+/* x * x * x ..., whose steps wait for each other. */
+static Fn *waits(Session *s) {
+    Fn *fn = ir_fn(s, &s->module, "w", PREC_F32);
+    Builder b = ir_at_end(fn, fn->body);
+    Inst *x = ir_input(&b, IN_X0), *loop = ir_loop(&b, 1, &x, (LoopInfo){.max_iters = 9, .exact = true});
+    Builder t = ir_at_end(fn, loop->region[0]);
+    Inst *y[2] = {ir_emit2(&t, OP_ilt, loop->region[0]->params[0], ir_consti(&t, 8)),
+                  ir_emit2(&t, OP_fmul, loop->region[0]->params[1], x)};
+    ir_yield(&t, 2, y);
+    Inst *out = ir_proj(&b, loop, 0);
+    ir_yield(&b, 1, &out);
+    return fn;
+}
+
 static void test_choose_width(void **state) {
     (void)state;
     Session *s = session_create(0);
-    Target t;
     KernelRequest few = {"kernel", colours(s, 3)};
     static const struct {
         const char *name;
@@ -345,20 +358,25 @@ static void test_choose_width(void **state) {
     for (int i = 0; i < 2200; i++) v[i] = ir_emit2(&b, OP_fmul, i ? v[i - 1] : sum, ir_constf(&b, i));
     for (int i = 0; i < 2200; i++) sum = ir_emit2(&b, OP_fadd, sum, v[i]);
     ir_yield(&b, 1, &sum);
-    KernelRequest many = {"kernel", fn};
+    KernelRequest many = {"kernel", fn}, two[2] = {few, few}, loop = {"kernel", waits(s)};
+    BackOptions o = {0};
     for (int i = 0; i < 3; i++) {
-        assert_true(target_named(&t, targets[i].name));
-        assert_int_equal(back_choose_width(&few, 1, &t), 2 * targets[i].lanes);
-        assert_int_equal(back_choose_width(&many, 1, &t), targets[i].lanes);
+        assert_true(target_named(&o.target, targets[i].name));
+        assert_int_equal(back_choose_width(&few, 0, &o), 2 * targets[i].lanes);
+        assert_int_equal(back_choose_width(&many, 0, &o), targets[i].lanes);
+        assert_int_equal(back_choose_width(&loop, 0, &o), 4 * targets[i].lanes);
+        assert_int_equal(back_adjoint_lanes(&o, PREC_F32), 16);
+        assert_int_equal(back_adjoint_lanes(&o, PREC_F64), 8);
     }
-    BackOptions o = {.few = 2};
-    KernelRequest two[2] = {few, few};
-    target_named(&o.target, "avx2");
-    assert_int_equal(back_kernel_width(two, 0, &o, 16), 16);
-    assert_int_equal(back_kernel_width(two, 1, &o, 16), 8);
-    assert_int_equal(back_kernel_width(two, 1, &o, 4), 4);
-    o.width = 16;
-    assert_int_equal(back_kernel_width(two, 1, &o, 16), 16);
+    o.few = 2;
+    assert_int_equal(back_choose_width(two, 0, &o), 32);
+    assert_int_equal(back_choose_width(two, 1, &o), 16);
+    o.width = 4;
+    assert_int_equal(back_choose_width(two, 1, &o), 4);
+    assert_int_equal(back_adjoint_lanes(&o, PREC_F32), 4);
+    o.adj = ADJ_FLAT;
+    assert_int_equal(back_adjoint_lanes(&o, PREC_F32), 1);
+    Target t;
     assert_false(target_named(&t, "pdp11"));
     session_destroy(s);
 }

@@ -145,11 +145,10 @@ static void run_interpreter(const Fn *fn, Data *d, Result *r, uint32_t n, uint32
     for (int k = 0; k < GEN_FLOATS; k++) r->adj[k] = fn->precision == PREC_F32 ? (double)adj32[k] : adj64[k];
 }
 
-static void run_kernel(const Fn *fn, SltKernel *kernel, uint32_t width, AdjLayout layout, Data *d, Result *r,
-                       uint32_t n, uint32_t n_valid) {
+static void run_kernel(const Fn *fn, SltKernel *kernel, uint32_t lanes, Data *d, Result *r, uint32_t n,
+                       uint32_t n_valid) {
     SltKernelArgs a = make_args(fn, d, r, n, n_valid);
     bool f32 = fn->precision == PREC_F32;
-    uint32_t lanes = layout == ADJ_LANES ? width : 1;
     a.adj = aligned_alloc(64, (GEN_FLOATS * lanes * 8 + 63) / 64 * 64);
     memset(a.adj, 0, GEN_FLOATS * lanes * 8);
     a.log_cap = 1 << 20;
@@ -246,7 +245,7 @@ static void check(Session *s, Fn *fn, Data *d, const char *target, uint32_t widt
     if (status) fprintf(stderr, "%s: %s\n", what, why);
     assert_int_equal(status, 0);
     Result got;
-    run_kernel(fn, back_kernel(m, "f"), width, layout, d, &got, (n + 63) / 64 * 64, n_valid);
+    run_kernel(fn, back_kernel(m, "f"), back_adjoint_lanes(&o, fn->precision), d, &got, (n + 63) / 64 * 64, n_valid);
     char label[160];
     snprintf(label, sizeof label, "%s %s W=%u %s", what, target, width, fn->precision == PREC_F32 ? "f32" : "f64");
     bool ok = compare(fn, want, &got, n_valid < n ? n_valid : n, n_valid >= n, label);

@@ -84,7 +84,7 @@ static void run(Case *t, SltKernelKind kind, uint32_t n, const SltCullList *cull
     batch_call(&t->b, kind, n);
     t->b.args.cull = before;
     assert_true(t->b.args.log_len <= t->b.args.log_cap);
-    uint32_t lanes = s->flat_adj ? 1 : s->width;
+    uint32_t lanes = s->adj_lanes;
     for (uint32_t f = 0; kind == SLT_K_VJP && f < s->nfloats * lanes; f++)
         r->adj[f / lanes] += s->f64 ? sums[f] : (double)((float *)sums)[f];
     for (uint64_t k = 0; k < t->b.args.log_len; k++)

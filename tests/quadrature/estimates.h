@@ -85,7 +85,7 @@ static inline void estimates_call(void *user, int kind, SltKernelArgs *a, uint32
 /* After scene_init; s->p stays as it is. f has no derivative of its own. */
 static inline void estimates_init(Scene *s) {
     SltScene *t = &s->slt;
-    t->call = estimates_call, t->flat_adj = true;
+    t->call = estimates_call, t->adj_lanes = 1;
     t->params = s->p, t->nfloats = s->np;
     t->kernel[SLT_K_VJP] = t->kernel[SLT_K_JVP] = NULL;
     scene_role(t, SLT_K_REGION, SLT_OUT_HASH, 1);

@@ -212,7 +212,7 @@ static inline void scene_init(Scene *s, uint32_t dim, uint32_t nsites, uint32_t 
     memset(s, 0, sizeof *s);
     s->g = g, s->f = f, s->p = p, s->np = s->moved = np, s->nevents = nsites + nseams, s->nseams = nseams;
     SltScene *t = &s->slt;
-    t->call = scene_call, t->call_user = s, t->f64 = true, t->width = 8, t->dim = dim, t->channels = 1;
+    t->call = scene_call, t->call_user = s, t->f64 = true, t->adj_lanes = 8, t->dim = dim, t->channels = 1;
     for (int k = 0; k < SLT_K_CULL; k++) t->kernel[k] = scene_present, t->layout[k].reads = UINT64_MAX;
     for (int d = 0; d < 3; d++) t->lo[d] = 0, t->hi[d] = 1;
     t->nsites = 1, t->nedges = 1 + nseams, t->site_kind = t->edge_kind = kinds;

@@ -61,7 +61,8 @@ static void never(SltKernelArgs *a, uint32_t n) { (void)a, (void)n, fail(); }
 
 static void make_scene(SltScene *s) {
     static const uint8_t kinds[] = {SLT_SITE_COMPARE, SLT_SITE_FLOOR};
-    *s = (SltScene){.call = call, .call_user = s, .f64 = true, .width = 8, .dim = 1, .channels = 1, .hi = {10, 1, 1}};
+    *s = (SltScene){
+        .call = call, .call_user = s, .f64 = true, .adj_lanes = 8, .dim = 1, .channels = 1, .hi = {10, 1, 1}};
     s->nsites = s->nedges = 2, s->site_kind = s->edge_kind = kinds;
     s->kernel[SLT_K_BOUNDS] = s->kernel[SLT_K_EDGE_BOUNDS] = never;
     s->layout[SLT_K_BOUNDS].reads = s->layout[SLT_K_EDGE_BOUNDS].reads = UINT64_MAX;

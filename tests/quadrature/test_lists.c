@@ -143,7 +143,7 @@ static void test_tree(void **unused) {
     s.slt = (SltScene){.f64 = true,
                        .dim = 2,
                        .channels = 1,
-                       .width = 4,
+                       .adj_lanes = 4,
                        .call = call_bounds,
                        .call_user = &s,
                        .nlists = LOOPS,
@@ -205,7 +205,7 @@ static void test_tree(void **unused) {
 /* A program without such loops: nothing is touched. */
 static void test_none(void **unused) {
     (void)unused;
-    SltScene s = {.f64 = true, .dim = 1, .channels = 1, .width = 4};
+    SltScene s = {.f64 = true, .dim = 1, .channels = 1, .adj_lanes = 4};
     Batch b;
     Lists l;
     assert_true(batch_init(&b, &s, NULL));

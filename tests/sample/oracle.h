@@ -112,7 +112,7 @@ static inline void oracle_call(void *user, int kind, SltKernelArgs *a, uint32_t 
     Oracle *o = user;
     const SltScene *s = &o->scene;
     double theta[ORACLE_PARAMS];
-    uint32_t width = s->flat_adj ? 1 : s->width, padded = (n + SLT_PAD - 1) / SLT_PAD * SLT_PAD;
+    uint32_t width = s->adj_lanes, padded = (n + SLT_PAD - 1) / SLT_PAD * SLT_PAD;
     for (uint32_t p = 0; p < s->nfloats; p++) theta[p] = oracle_read(o, a->params, p);
     Ctx pair[2];
     /* Kernels work in whole vectors: what lies behind n must be readable and harmless. */
@@ -182,7 +182,7 @@ static inline void oracle_call(void *user, int kind, SltKernelArgs *a, uint32_t 
                 double d = (hi - lo) / 2e-6;
                 if (kind == SLT_K_SITE_JVP) dot += d * oracle_read(o, a->dparams, p);
                 for (uint32_t r = 0; r < rows && kind == SLT_K_SITE_VJP; r++) {
-                    uint64_t slot = (uint64_t)(r * s->nfloats + p) * width + (s->flat_adj ? 0 : i % width);
+                    uint64_t slot = (uint64_t)(r * s->nfloats + p) * width + i % width;
                     double seed = oracle_read(o, a->in[SLT_IN_SEED0 + r], i), old;
                     old = oracle_read(o, a->adj, (uint32_t)slot);
                     oracle_write(o, a->adj, (uint32_t)slot, seed != 0 ? old + seed * d : old);
@@ -215,7 +215,7 @@ static inline void oracle_call(void *user, int kind, SltKernelArgs *a, uint32_t 
                             a->log_index[a->log_len] = p, oracle_write(o, a->log_value, (uint32_t)a->log_len, seeded);
                         a->log_len++;
                     } else {
-                        uint64_t slot = (uint64_t)p * width + (s->flat_adj ? 0 : i % width);
+                        uint64_t slot = (uint64_t)p * width + i % width;
                         oracle_write(o, a->adj, (uint32_t)slot, oracle_read(o, a->adj, (uint32_t)slot) + seeded);
                     }
                 }
@@ -244,7 +244,7 @@ static inline void oracle_init(Oracle *o, void (*f)(Ctx *, double *), double (*g
     SltScene *s = &o->scene;
     s->call = oracle_call, s->call_user = o;
     for (int k = 0; k < SLT_K_CULL; k++) s->kernel[k] = oracle_present;
-    s->f64 = true, s->width = 8, s->dim = dim, s->channels = channels;
+    s->f64 = true, s->adj_lanes = 8, s->dim = dim, s->channels = channels;
     for (int d = 0; d < 3; d++) s->lo[d] = 0, s->hi[d] = 1;
     s->nfloats = nparams, s->nsites = nsites;
     scene_outputs_init(s);

@@ -239,7 +239,7 @@ static inline void ridges_init(Ridges *r, double (*height)(const double *, doubl
     SltScene *s = &r->scene;
     s->call = ridges_call, s->call_user = r;
     for (int k = 0; k < SLT_K_CULL; k++) s->kernel[k] = ridges_present;
-    s->f64 = true, s->flat_adj = true, s->width = 8, s->dim = 2, s->channels = 1;
+    s->f64 = true, s->adj_lanes = 1, s->dim = 2, s->channels = 1;
     s->lo[0] = 0, s->hi[0] = 1, s->lo[1] = lo, s->hi[1] = hi, s->hi[2] = 1;
     s->nfloats = nparams, s->nsites = 1;
     scene_outputs_init(s);

@@ -106,7 +106,8 @@ static void setup(Oracle *o, const Case *c) {
     oracle_init(o, c->f, c->g, 2, c->channels, c->nsites, c->nparams, params);
     if (c->f32) oracle_use_f32(o);
     if (c->near) scene_near_miss(&o->scene);
-    o->scene.uses_rand = c->rand, o->scene.flat_adj = c->flat;
+    o->scene.uses_rand = c->rand;
+    if (c->flat) o->scene.adj_lanes = 1;
 }
 
 static const Case cases[] = {

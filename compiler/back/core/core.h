@@ -50,13 +50,19 @@ void back_layout_frames(Plan *plan);
 unsigned back_type_bytes(const Plan *plan, uint8_t type); /* of one lane in memory; a boolean takes 4 */
 uint32_t back_bits_bytes(const Plan *plan);               /* of a stored mask: whole bytes a part */
 
+/* ---- zeros.c */
+/* May an element of this alloc be read before it is stored? */
+bool back_needs_zeros(const Inst *array);
+
 /* ---- plan.c: lanes, parts and regions */
 /* Analyses `fn` and lays out its frames. A kernel that compares neighbouring lanes has a width of 2 at least. */
 Plan back_plan(Fn *fn, const Target *target, uint32_t width);
 /* SLT_OK, or SLT_USAGE with a text (session arena). */
 int back_check_width(Session *s, uint32_t width, const char **why);
-/* Lanes of kernel j of a module of this width. */
-uint32_t back_kernel_width(const KernelRequest *k, uint32_t j, const BackOptions *o, uint32_t width);
+uint32_t back_register_lanes(const Target *t, Precision p); /* of a register of floats */
+/* Lanes of kernel j, if the options leave them open: enough independent work to hide latency, bounded by registers.
+ * Deterministic. */
+uint32_t back_choose_width(const KernelRequest *k, uint32_t j, const BackOptions *o);
 /* Does this value take one element a lane? False where all lanes share it, and at width 1. */
 bool back_is_vector(const Plan *plan, const Inst *i);
 uint32_t back_value_parts(const Plan *plan, const Inst *i); /* P or 1 */
@@ -90,8 +96,8 @@ typedef struct CacheKey {
 } CacheKey;
 /* `emitter` names the emitter and the version of what it relies on. False: the build of this library cannot be told, so
  * nothing may be kept. */
-bool cache_key(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, uint32_t width,
-               const char *emitter, CacheKey *out);
+bool cache_key(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, const char *emitter,
+               CacheKey *out);
 
 /* ---- cache.c: the disk cache */
 /* `wanted` (BackOptions.cache_dir) or the default as an arena string; NULL if the folder is not private or usable. */

@@ -119,8 +119,8 @@ static void hash_block(XXH3_state_t *state, const Block *b, size_t *len) {
     }
 }
 
-bool cache_key(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, uint32_t width,
-               const char *emitter, CacheKey *out) {
+bool cache_key(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, const char *emitter,
+               CacheKey *out) {
     Arena *a = &s->scratch;
     XXH3_state_t *state = XXH3_createState();
     CacheKey key = {0};
@@ -129,17 +129,15 @@ bool cache_key(Session *s, const KernelRequest *k, uint32_t n, const BackOptions
         XXH3_freeState(state);
         return false;
     }
-    char *head =
-        arena_printf(a, "saltus %s cpu %s features %s vector %u fma %d width %u adj %d opt %u pixels %d kernels %u\n",
-                     emitter, o->target.cpu, o->target.features, o->target.vector_bytes, o->target.has_fma, width,
-                     (int)o->adj, o->opt_level, (int)o->pixels, n);
+    char *head = arena_printf(a, "saltus %s cpu %s features %s vector %u fma %d adj %d opt %u pixels %d kernels %u\n",
+                              emitter, o->target.cpu, o->target.features, o->target.vector_bytes, o->target.has_fma,
+                              (int)o->adj, o->opt_level, (int)o->pixels, n);
     XXH3_128bits_update(state, head, strlen(head));
     key.len = strlen(head);
     for (uint32_t j = 0; j < n; j++) {
         size_t name = strlen(k[j].name) + 1;
         for (Fn *fn = k[j].fn; fn; fn = fn->next_part) {
-            uint32_t facts[5] = {fn->precision, fn->nfloats, fn->nints, ir_number(fn),
-                                 back_kernel_width(k, j, o, width)};
+            uint32_t facts[5] = {fn->precision, fn->nfloats, fn->nints, ir_number(fn), back_choose_width(k, j, o)};
             XXH3_128bits_update(state, k[j].name, name);
             XXH3_128bits_update(state, facts, sizeof facts);
             if (fn->serves) XXH3_128bits_update(state, fn->serves, fn->nsites);

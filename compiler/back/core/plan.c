@@ -6,7 +6,7 @@
 
 /* ---- lanes and parts */
 int back_check_width(Session *s, uint32_t width, const char **why) {
-    if (width && width <= BACK_MAX_WIDTH && !(width & (width - 1))) return SLT_OK;
+    if (width <= BACK_MAX_WIDTH && !(width & (width - 1))) return SLT_OK; /* 0: to be chosen */
     *why = arena_printf(&s->session, "width %u is not a power of two from 1 to %d", width, BACK_MAX_WIDTH);
     return SLT_USAGE;
 }
@@ -20,29 +20,6 @@ static uint32_t count_insts(const Block *b) {
     return n;
 }
 
-/* Two vectors a value hide the latency of one: 1.1 to 1.9 times faster on every kernel measured, also where half of the
- * values spill (ray marchers, their reverse sweeps), on all three targets. Not where compiling twice the code would
- * cost more than it gains. */
-uint32_t back_choose_width(const KernelRequest *k, uint32_t n, const Target *t) {
-    enum { LARGE = 4096 };
-    uint32_t bytes = 4, most = 0;
-    for (uint32_t j = 0; j < n; j++) {
-        if (k[j].fn->precision == PREC_F64) bytes = 8;
-        for (const Fn *fn = k[j].fn; fn; fn = fn->next_part) {
-            uint32_t count = count_insts(fn->body);
-            most = count > most ? count : most;
-        }
-    }
-    uint32_t lanes = t->vector_bytes / bytes;
-    return most <= LARGE ? 2 * lanes : lanes;
-}
-
-uint32_t back_kernel_width(const KernelRequest *k, uint32_t j, const BackOptions *o, uint32_t width) {
-    uint32_t lanes = o->target.vector_bytes / (k[j].fn->precision == PREC_F64 ? 8 : 4);
-    bool few = !o->width && j < 64 && o->few >> j & 1;
-    return few && width > lanes ? lanes : width;
-}
-
 static bool uses_pairs(const Block *b) {
     for (const Inst *i = b->first; i; i = i->next) {
         if (i->op == OP_partner || i->op == OP_both) return true;
@@ -50,6 +27,91 @@ static bool uses_pairs(const Block *b) {
             if (uses_pairs(i->region[r])) return true;
     }
     return false;
+}
+
+/* ---- how many vectors a value */
+typedef struct Loops {
+    uint32_t longest; /* instructions of the longest loop; 0: there is none */
+    uint32_t kept;    /* most vectors that one keeps from iteration to iteration */
+} Loops;
+
+static bool is_inside(const Block *b, const Block *outer) {
+    while (b != outer && b->owner) b = b->owner->block;
+    return b == outer;
+}
+
+/* Varying values from outside that a loop reads, each once: `seen` by id. */
+static uint32_t count_read(const Block *b, const Block *loop, bool *seen) {
+    uint32_t n = 0;
+    for (const Inst *i = b->first; i; i = i->next) {
+        for (uint32_t j = 0; j < i->nargs; j++) {
+            const Inst *x = i->args[j];
+            if (!(x->flags & BACK_VARYING) || seen[x->id] || is_inside(x->block, loop)) continue;
+            seen[x->id] = true, n++;
+        }
+        for (uint32_t r = 0; r < i->nregions; r++) n += count_read(i->region[r], loop, seen);
+    }
+    return n;
+}
+
+static void look_at_loops(Fn *fn, const Block *b, Loops *out) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        for (uint32_t r = 0; r < i->nregions; r++) look_at_loops(fn, i->region[r], out);
+        if (i->op != OP_loop && i->op != OP_revloop) continue;
+        const Block *body = i->region[0];
+        uint32_t size = count_insts(body);
+        ArenaMark m = arena_mark(&fn->session->scratch);
+        bool *seen = ARENA_ARRAY(&fn->session->scratch, bool, fn->ninsts + 1);
+        uint32_t kept = (i->flags & BACK_DIVERGES ? 1 : 0) + count_read(body, body, seen);
+        for (uint32_t p = 0; p < body->nparams; p++) kept += body->params[p]->flags & BACK_VARYING ? 1 : 0;
+        arena_reset(&fn->session->scratch, m);
+        out->longest = size > out->longest ? size : out->longest;
+        out->kept = kept > out->kept ? kept : out->kept;
+    }
+}
+
+/* Two vectors a value hide the latency of one: 1.1 to 1.9 times faster on every kernel measured, also where half of the
+ * values spill (ray marchers, their reverse sweeps), on all three targets. Of loops, whose iterations wait for each
+ * other, four do, up to 1.9 times faster again, as long as registers hold what they keep, and they are not so long that
+ * the rest spills; nor of what compares neighbouring lanes, which takes masks through general registers. Compiling so
+ * much code must not cost more than it gains. */
+static uint32_t vectors(Fn *fn, const Target *t) {
+    enum { LOOP = 160, SMALL = 600, LARGE = 4096 };
+    const uint32_t registers = t->vector_bytes == 64 ? 32 : 16, spare = registers / 8;
+    uint32_t most = 0;
+    for (const Fn *part = fn; part; part = part->next_part) {
+        uint32_t count = count_insts(part->body);
+        most = count > most ? count : most;
+    }
+    if (most > LARGE) return 1;
+    if (most > SMALL) return 2;
+    Loops loops = {0};
+    bool pairs = false;
+    for (Fn *part = fn; part; part = part->next_part) {
+        ArenaMark m = arena_mark(&fn->session->scratch);
+        FrameTable frames;
+        ir_number(part);
+        back_analyse_frames(part, &frames);
+        look_at_loops(part, part->body, &loops);
+        pairs |= uses_pairs(part->body);
+        arena_reset(&fn->session->scratch, m);
+    }
+    return !pairs && loops.longest && loops.longest <= LOOP && 4 * loops.kept + spare <= registers ? 4 : 2;
+}
+
+uint32_t back_register_lanes(const Target *t, Precision p) { return t->vector_bytes / (p == PREC_F64 ? 8 : 4); }
+
+uint32_t back_choose_width(const KernelRequest *k, uint32_t j, const BackOptions *o) {
+    if (o->width) return o->width;
+    uint32_t lanes = back_register_lanes(&o->target, k[j].fn->precision);
+    return j < 64 && o->few >> j & 1 ? lanes : vectors(k[j].fn, &o->target) * lanes;
+}
+
+/* The same on every target, so that sums have the same bits at one width. */
+uint32_t back_adjoint_lanes(const BackOptions *o, Precision p) {
+    enum { ROW_BYTES = 64 };
+    uint32_t lanes = ROW_BYTES / (p == PREC_F64 ? 8 : 4);
+    return o->adj == ADJ_FLAT ? 1 : o->width && o->width < lanes ? o->width : lanes;
 }
 
 Plan back_plan(Fn *fn, const Target *target, uint32_t width) {

@@ -14,7 +14,7 @@
 typedef struct Job {
     Session *session;
     const KernelRequest *k;
-    uint32_t n, width;
+    uint32_t n;
     const BackOptions *o;
     char kind;
     Codegen *out;
@@ -171,7 +171,7 @@ static void generate(Session *s, void *arg) {
     if (!open_target(j)) return;
     for (uint32_t k = 0; k < j->n; k++) {
         ArenaMark mark = arena_mark(&s->scratch);
-        uint32_t width = back_kernel_width(j->k, k, j->o, j->width);
+        uint32_t width = back_choose_width(j->k, k, j->o);
         const char *why = j->k[k].fn->next_part ? emit_in_parts(j, &j->k[k], width)
                                                 : back_emit_kernel(ll, j->ctx, j->mod, &j->k[k], j->o, width);
         if (why) fail(j, SLT_LIMIT, arena_printf(&s->session, "kernel %s: %s", j->k[k].name, why));
@@ -218,9 +218,9 @@ static void generate_guarded(Session *s, void *arg) {
     dispose(j);
 }
 
-int back_codegen(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, uint32_t width, char kind,
-                 Codegen *out, const char **why) {
-    Job j = {.session = s, .k = k, .n = n, .o = o, .width = width, .kind = kind, .out = out};
+int back_codegen(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, char kind, Codegen *out,
+                 const char **why) {
+    Job j = {.session = s, .k = k, .n = n, .o = o, .kind = kind, .out = out};
     *out = (Codegen){0};
     bool no_memory;
     const char *missing = llvm_open(&j.api, &no_memory);
@@ -246,11 +246,10 @@ int back_codegen(Session *s, const KernelRequest *k, uint32_t n, const BackOptio
 int back_emit(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, char kind, unsigned char **bytes,
               size_t *size, const char **why) {
     *bytes = NULL, *size = 0;
-    uint32_t width = o->width ? o->width : back_choose_width(k, n, &o->target);
-    int status = back_check_width(s, width, why);
+    int status = back_check_width(s, o->width, why);
     if (status) return status;
     Codegen g;
-    status = back_codegen(s, k, n, o, width, kind, &g, why);
+    status = back_codegen(s, k, n, o, kind, &g, why);
     if (status) return status;
     *bytes = g.bytes, *size = g.size;
     return SLT_OK;

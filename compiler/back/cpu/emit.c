@@ -293,8 +293,12 @@ static void hoist_uniform(Emit *e) {
 /* ---- blocks */
 /* LLVM's scheduling is worse than linear in the length of a block, so long ones are cut by a branch that is never
  * taken, on a condition that no pass can decide. */
+enum { LONG_BLOCK = 300, RUN = 64 };
+
+static bool is_long(const Emit *e) { return e->since_split * e->P >= LONG_BLOCK; }
+
 static void split_long_block(Emit *e) {
-    if (e->since_split * e->P < 300) return;
+    if (!is_long(e)) return;
     LLVMBasicBlockRef next = emit_new_block(e, "next");
     Part never =
         LL(BuildICmp)(e->b, LLVMIntEQ, e->n, emit_int(e, e->t_i32, 0xfffffff0u - e->nsplits++ % 0x1000000), "");
@@ -306,51 +310,78 @@ void emit_control(Emit *e, Inst *i);
 
 void emit_block(Emit *e, Block *b) { emit_range(e, b->first, NULL); }
 
+/* Varying values one after the other, with nothing between them that must wait for them. */
+typedef struct Run {
+    Inst *at[RUN];
+    uint32_t n;
+} Run;
+
+static void end_run(Emit *e, Run *r) {
+    if (r->n) emit_value_run(e, r->at, r->n);
+    r->n = 0;
+}
+
+/* Does i wait for nothing but what is uniform? */
+static bool passes_run(const Emit *e, const Inst *i) {
+    if (ir_is_const(i) || i->op == OP_proj || i->op == OP_yield || i->op == OP_arg || i->op == OP_input) return true;
+    return !emit_is_vector(e, i) && (!ir_ops[i->op].special || is_read(i));
+}
+
+static void emit_special(Emit *e, Inst *i);
+
 void emit_range(Emit *e, Inst *from, const Inst *end) {
+    Run run;
+    run.n = 0;
     for (Inst *i = from; i != end && !e->error; i = i->next) {
-        if (!ir_ops[i->op].special) {
-            if (!emit_slot(e, i)[0]) {
-                if (i->op != OP_band || !emit_pairs_apart(e, i)) emit_value_op(e, i);
-                e->since_split++;
-                split_long_block(e);
-            }
+        bool joins = !ir_ops[i->op].special && emit_is_vector(e, i) && (i->op != OP_band || i->args[1]->op != OP_both);
+        if (!joins && !passes_run(e, i)) end_run(e, &run);
+        if (i->op == OP_if_ && i->args[0]->op == OP_live) {
+            i = emit_chunks(e, i);
             continue;
         }
-        switch (i->op) {
-        case OP_constf:
-        case OP_consti:
-        case OP_constb:
-        case OP_proj:
-        case OP_arg:
-        case OP_live:
-        case OP_yield: break;
-        case OP_input:
-            if (!emit_slot(e, i)[0]) emit_input(e, i);
-            break;
-        case OP_detach:
-        case OP_site:
-        case OP_siten:
-            if (emit_is_vector(e, i)) emit_parts(e, i->args[0], emit_slot(e, i));
-            else emit_slot(e, i)[0] = emit_scalar(e, i->args[0]);
-            break;
-        case OP_if_:
-            if (i->args[0]->op == OP_live) {
-                i = emit_chunks(e, i);
-                break;
-            }
-            emit_control(e, i);
-            break;
-        case OP_loop: emit_control(e, i); break;
-        case OP_revloop: emit_revloop(e, i); break;
-        case OP_rand:
-        case OP_window:
-        case OP_ghost:
-        case OP_custom: emit_fail(e, "%s was not lowered", ir_ops[i->op].name); break;
-        default:
-            if (!emit_slot(e, i)[0]) emit_memory_op(e, i);
-            e->since_split += 4;
-            split_long_block(e);
+        if (ir_ops[i->op].special) {
+            emit_special(e, i);
+            continue;
         }
+        if (emit_slot(e, i)[0]) continue;
+        if (joins) run.at[run.n++] = i;
+        else if (i->op != OP_band || !emit_pairs_apart(e, i)) emit_value_op(e, i);
+        e->since_split++;
+        if (run.n == RUN || is_long(e)) end_run(e, &run);
+        split_long_block(e);
+    }
+    if (!e->error) end_run(e, &run);
+}
+
+static void emit_special(Emit *e, Inst *i) {
+    switch (i->op) {
+    case OP_constf:
+    case OP_consti:
+    case OP_constb:
+    case OP_proj:
+    case OP_arg:
+    case OP_live:
+    case OP_yield: break;
+    case OP_input:
+        if (!emit_slot(e, i)[0]) emit_input(e, i);
+        break;
+    case OP_detach:
+    case OP_site:
+    case OP_siten:
+        if (emit_is_vector(e, i)) emit_parts(e, i->args[0], emit_slot(e, i));
+        else emit_slot(e, i)[0] = emit_scalar(e, i->args[0]);
+        break;
+    case OP_if_:
+    case OP_loop: emit_control(e, i); break;
+    case OP_revloop: emit_revloop(e, i); break;
+    case OP_rand:
+    case OP_window:
+    case OP_ghost:
+    case OP_custom: emit_fail(e, "%s was not lowered", ir_ops[i->op].name); break;
+    default:
+        if (!emit_slot(e, i)[0]) emit_memory_op(e, i);
+        e->since_split += 4;
+        split_long_block(e);
     }
 }
 

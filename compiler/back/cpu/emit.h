@@ -91,6 +91,7 @@ void emit_outputs(Emit *e, const Inst *yield); /* stores the outputs of the top 
 
 /* ---- emit_ops.c: value rows */
 void emit_value_op(Emit *e, Inst *i);
+void emit_value_run(Emit *e, Inst *const *run, uint32_t n); /* varying values, none of which is emitted yet */
 
 /* ---- emit_memory.c: sizes, addresses and lanes for the files below, and which of them emits an operation */
 void emit_memory_op(Emit *e, Inst *i);
@@ -155,8 +156,8 @@ typedef struct Codegen {
     double emit_ms, llvm_ms;
     uint32_t *instructions; /* scratch arena: LLVM instructions of each kernel after optimisation */
 } Codegen;
-int back_codegen(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, uint32_t width, char kind,
-                 Codegen *out, const char **why);
+int back_codegen(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, char kind, Codegen *out,
+                 const char **why);
 
 /* ---- load.c: a small loader for ELF64 x86-64 relocatable objects */
 typedef struct Loaded Loaded;

@@ -18,7 +18,7 @@ void emit_alloc(Emit *e, Inst *i) {
         return;
     }
     Part p = emit_alloca(e, LL(ArrayType2)(e->t_i8, bytes ? bytes : 1), 1, 64);
-    LL(BuildMemSet)(e->b, p, emit_int(e, e->t_i8, 0), emit_i64(e, bytes), 64);
+    if (back_needs_zeros(i)) LL(BuildMemSet)(e->b, p, emit_int(e, e->t_i8, 0), emit_i64(e, bytes), 64);
     emit_slot(e, i)[0] = p;
 }
 

@@ -11,7 +11,10 @@
 
 /* Is a list given? Small loops are emitted twice, for yes and for no: then whoever gives none pays nothing. */
 typedef enum Listed { LISTED_NO, LISTED_YES, LISTED_PERHAPS } Listed;
-enum { SMALL_LOOP = 64 }; /* instructions of the body */
+enum {
+    SMALL_LOOP = 64,  /* instructions of the body */
+    LEAVE_BUDGET = 4, /* blends that cost no more than a branch around them */
+};
 
 /* A carried value. */
 typedef struct Carried {
@@ -306,7 +309,8 @@ static void end_path(Emit *e, LoopState *s, Path *p) {
         const Inst *v = value_of(s, p, r);
         if (c->apart && f.varies) take(e, on, v, true, &p->held[r].result); /* of those that leave here */
         bool blends = s->diverges && c->vector && (!p->alike || (c->wanted && !c->apart));
-        if (blends && back_keeps_itself(&e->plan, v, c->param) && p->held[r].next.of == c->param) blends = false;
+        if (blends && back_keeps_itself(&e->plan, v, c->param) && p->held[r].next.v[0] == emit_slot(e, c->param)[0])
+            blends = false;
         take(e, blends ? on : NULL, v, c->vector, &p->held[r].next);
     }
     if (!s->diverges) {
@@ -333,6 +337,59 @@ static void end_path(Emit *e, LoopState *s, Path *p) {
 
 static void emit_path(Emit *e, LoopState *s, Path *p, Block *b);
 
+/* Does r change for lanes that leave where the others go on? */
+static bool changes(const LoopState *s, const Path *p, const Path *skip, uint32_t r) {
+    const Carried *c = &s->carried[r];
+    const Held *h = &p->held[r];
+    return c->apart || (c->wanted && value_of(s, skip, r) != h->next.of);
+}
+
+/* Lanes aside leave, which is rare and dear: only where some do, they take what they leave with, and it is asked
+ * whether any stays. The builder stands in the region then. */
+static void leave_apart(Emit *e, LoopState *s, Path *p, const Path *skip, Part *aside, LLVMBasicBlockRef region) {
+    Part on[BACK_MAX_PARTS], live[BACK_MAX_PARTS], wide[BACK_MAX_PARTS];
+    LLVMBasicBlockRef from = emit_here(e), leave = emit_new_block(e, "leave");
+    emit_widen(e, aside, wide);
+    LL(BuildCondBr)(e->b, emit_any(e, aside), leave, region);
+    emit_at(e, leave);
+    emit_narrow(e, wide, aside), emit_narrow(e, p->on, on), emit_narrow(e, p->live, live);
+    Held *held = copy_held(e, s, p->held);
+    for (uint32_t r = 0; r < s->n; r++) {
+        const Carried *c = &s->carried[r];
+        if (changes(s, p, skip, r))
+            give(e, aside, value_of(s, skip, r), true, c->apart ? &held[r].result : &held[r].next);
+    }
+    for (uint32_t k = 0; k < e->P; k++) {
+        Part not = LL(BuildNot)(e->b, aside[k], "");
+        on[k] = LL(BuildAnd)(e->b, on[k], not, ""), live[k] = LL(BuildAnd)(e->b, live[k], not, "");
+    }
+    Part any = emit_any(e, live), *old_on = p->on, *old_live = p->live;
+    emit_widen(e, on, on), emit_widen(e, live, live);
+    to_done(e, s, held);
+    LL(BuildCondBr)(e->b, any, region, s->done.at);
+    emit_at(e, region);
+    new_phis(e, emit_travelling_type(e), e->P, p->on = emit_new_parts(e));
+    if (p->alike) p->live = p->on;
+    else new_phis(e, emit_travelling_type(e), e->P, p->live = emit_new_parts(e));
+    for (uint32_t k = 0; k < e->P; k++) {
+        emit_incoming(e, p->on[k], old_on[k], from), emit_incoming(e, p->on[k], on[k], leave);
+        if (p->alike) continue;
+        emit_incoming(e, p->live[k], old_live[k], from), emit_incoming(e, p->live[k], live[k], leave);
+    }
+    for (uint32_t r = 0; r < s->n; r++) {
+        const Carried *c = &s->carried[r];
+        if (!changes(s, p, skip, r)) continue;
+        Kept *to = c->apart ? &held[r].result : &held[r].next, *was = c->apart ? &p->held[r].result : &p->held[r].next;
+        for (uint32_t k = 0; k < e->P; k++) {
+            Part phi = emit_phi(e, result_type(e, c), "");
+            emit_incoming(e, phi, was->v[k], from), emit_incoming(e, phi, to->v[k], leave);
+            to->v[k] = phi;
+        }
+    }
+    p->held = held;
+    p->some = true;
+}
+
 /* Goes on into the side that computes something. */
 static void step_into(Emit *e, LoopState *s, Path *p, Inst *last, uint32_t side, Fate other) {
     Path skip = *p;
@@ -346,6 +403,13 @@ static void step_into(Emit *e, LoopState *s, Path *p, Inst *last, uint32_t side,
         aside[k] = LL(BuildAnd)(e->b, on[k], side ? cond : not, "");
         if (other == LEAVES)
             live[k] = p->alike ? wants[k] : LL(BuildAnd)(e->b, live[k], LL(BuildNot)(e->b, aside[k], ""), "");
+    }
+    uint32_t blends = 0;
+    for (uint32_t r = 0; r < s->n; r++) blends += changes(s, p, &skip, r) ? e->P : 0;
+    if (other == LEAVES && p->some && blends > LEAVE_BUDGET) {
+        leave_apart(e, s, p, &skip, aside, emit_new_block(e, side ? "else" : "then"));
+        emit_path(e, s, p, last->region[side]);
+        return;
     }
     for (uint32_t r = 0; r < s->n; r++) { /* what the empty side yields is known: lanes aside take it before they go */
         const Carried *c = &s->carried[r];

@@ -110,8 +110,37 @@ static Part high_product(Emit *e, Part a, Part b) {
 }
 
 /* ---- conversions */
+/* A register's floats as integers, as the processor converts them: 2^31 (unsigned: all ones) where the integer does not
+ * fit. Lanes out of `keep` are 0; NULL: the processor has no such instruction for this shape. */
+static Part converted(Emit *e, Part a, Part keep, bool is_signed) {
+    bool wide = e->fn->precision == PREC_F64;
+    unsigned bytes = e->opt->target.vector_bytes;
+    LLVMTypeRef i = like(e, a, e->t_i32);
+    if (!is_vector_type(e, i) || e->L * (wide ? 8 : 4) != bytes) return NULL;
+    if (bytes == 64) {
+        const char *name =
+            wide        ? is_signed ? "llvm.x86.avx512.mask.cvttpd2dq.512" : "llvm.x86.avx512.mask.cvttpd2udq.512"
+            : is_signed ? "llvm.x86.avx512.mask.cvttps2dq.512"
+                        : "llvm.x86.avx512.mask.cvttps2udq.512";
+        Part bits = LL(BuildBitCast)(e->b, keep, LL(IntTypeInContext)(e->ctx, e->L), "");
+        Part x[4] = {a, LL(ConstNull)(i), bits, emit_int(e, e->t_i32, 4 /* rounding as set */)};
+        return emit_intrinsic(e, name, NULL, x, 4);
+    }
+    const char *name = bytes == 32 ? wide ? "llvm.x86.avx.cvtt.pd2dq.256" : "llvm.x86.avx.cvtt.ps2dq.256"
+                       : wide      ? NULL
+                                   : "llvm.x86.sse2.cvttps2dq";
+    if (!name || !is_signed) return NULL;
+    return sel(e, keep, emit_intrinsic(e, name, NULL, &a, 1), LL(ConstNull)(i));
+}
+
 static Part float_to_int(Emit *e, Part a, bool is_signed) {
     LLVMTypeRef i = like(e, a, e->t_i32);
+    Part fast =
+        converted(e, a, is_signed ? fcmp(e, LLVMRealORD, a, a) : fcmp(e, LLVMRealOGE, a, kf(e, a, 0)), is_signed);
+    if (fast && !is_signed) return fast;
+    if (fast) /* 2^31 - 1 where 2^31 does not fit: one less */
+        return LL(BuildAdd)(e->b, fast, LL(BuildSExt)(e->b, fcmp(e, LLVMRealOGE, a, kf(e, a, 2147483648.0)), i, ""),
+                            "");
     Part top = kf(e, a, is_signed ? 2147483648.0 : 4294967296.0), bottom = kf(e, a, is_signed ? -2147483648.0 : 0);
     Part low = fcmp(e, LLVMRealOGE, a, bottom), high = fcmp(e, LLVMRealOLT, a, top);
     Part safe = sel(e, LL(BuildAnd)(e->b, low, high, ""), a, kf(e, a, 0));
@@ -244,18 +273,30 @@ static Part value_part(Emit *e, const Inst *i, Part *x) {
 }
 
 void emit_value_op(Emit *e, Inst *i) {
-    bool vector = emit_is_vector(e, i);
-    Part x[3][BACK_MAX_PARTS], *out = emit_slot(e, i);
-    bool pick = ir_ops[i->op].selects;
-    for (uint32_t j = 0; j < i->nargs; j++) {
-        /* a uniform condition selects whole vectors */
-        if (!vector || (pick && j == 0 && !emit_is_vector(e, i->args[0])))
-            for (uint32_t p = 0; p < (vector ? e->P : 1); p++) x[j][p] = emit_scalar(e, i->args[j]);
-        else emit_parts(e, i->args[j], x[j]);
+    if (emit_is_vector(e, i)) {
+        emit_value_run(e, &i, 1);
+        return;
     }
-    for (uint32_t p = 0; p < (vector ? e->P : 1); p++) {
-        Part args[3] = {NULL, NULL, NULL};
-        for (uint32_t j = 0; j < i->nargs; j++) args[j] = x[j][p];
-        out[p] = value_part(e, i, args);
-    }
+    Part x[3] = {NULL, NULL, NULL};
+    for (uint32_t j = 0; j < i->nargs; j++) x[j] = emit_scalar(e, i->args[j]);
+    emit_slot(e, i)[0] = value_part(e, i, x);
+}
+
+/* One part after the other: what is between lives in few registers, whatever the width. */
+void emit_value_run(Emit *e, Inst *const *run, uint32_t n) {
+    Part(*same)[3] = arena_alloc(e->arena, (n + 1) * sizeof *same); /* operands that all parts share */
+    for (uint32_t k = 0; k < n; k++)
+        for (uint32_t j = 0; j < run[k]->nargs; j++) {
+            const Inst *x = run[k]->args[j];
+            bool picks = ir_ops[run[k]->op].selects && j == 0; /* a uniform condition selects whole vectors */
+            if (emit_is_vector(e, x)) same[k][j] = NULL;
+            else same[k][j] = picks ? emit_scalar(e, x) : emit_splat(e, emit_scalar(e, x));
+        }
+    for (uint32_t p = 0; p < e->P; p++)
+        for (uint32_t k = 0; k < n; k++) {
+            Part x[3] = {NULL, NULL, NULL};
+            for (uint32_t j = 0; j < run[k]->nargs; j++)
+                x[j] = same[k][j] ? same[k][j] : emit_slot(e, run[k]->args[j])[p];
+            emit_slot(e, run[k])[p] = value_part(e, run[k], x);
+        }
 }

@@ -88,21 +88,22 @@ static void log_adjoint(Emit *e, Inst *i) {
     emit_store(e, len, len_at, 8);
 }
 
-/* Sum over all lanes, halving: the order does not depend on how lanes are cut into parts. */
-static Part horizontal_sum(Emit *e, Part *v) {
-    uint32_t p = e->P;
-    for (; p > 1; p /= 2)
+/* Sum over parts until `left` are left, halving. */
+static void sum_parts(Emit *e, Part *v, uint32_t left) {
+    for (uint32_t p = e->P; p > left; p /= 2)
         for (uint32_t k = 0; k < p / 2; k++) v[k] = LL(BuildFAdd)(e->b, v[k], v[k + p / 2], "");
-    if (e->W == 1) return v[0];
-    Part x = v[0];
-    for (uint32_t half = e->L / 2; half; half /= 2) {
+}
+
+/* Sum over the lanes of a part, halving: the order does not depend on how lanes were cut into parts. */
+static Part sum_of_lanes(Emit *e, Part x) {
+    for (uint32_t half = e->L / 2; e->W > 1 && half; half /= 2) {
         Part pick[BACK_MAX_WIDTH];
         for (uint32_t l = 0; l < e->L; l++) pick[l] = emit_int(e, e->t_i32, l < half ? l + half : l);
         x = LL(BuildFAdd)(
             e->b, x, LL(BuildShuffleVector)(e->b, x, LL(GetPoison)(LL(TypeOf)(x)), LL(ConstVector)(pick, e->L), ""),
             "");
     }
-    return LL(BuildExtractElement)(e->b, x, emit_int(e, e->t_i32, 0), "");
+    return e->W == 1 ? x : LL(BuildExtractElement)(e->b, x, emit_int(e, e->t_i32, 0), "");
 }
 
 void emit_adjoint(Emit *e, Inst *i) {
@@ -115,18 +116,15 @@ void emit_adjoint(Emit *e, Inst *i) {
     index = LL(BuildAdd)(e->b, index, emit_i64(e, i->imm.slot.base), "");
     for (uint32_t p = 0; e->mask && p < e->P; p++)
         value[p] = LL(BuildSelect)(e->b, e->mask[p], value[p], LL(ConstNull)(LL(TypeOf)(value[p])), "");
-    if (e->opt->adj == ADJ_FLAT) {
-        Part at = emit_gep(e, e->t_flt, e->adj, index), sum = horizontal_sum(e, value);
-        emit_store(e, LL(BuildFAdd)(e->b, emit_load(e, e->t_flt, at, e->plan.flt_bytes, false), sum, ""), at,
-                   e->plan.flt_bytes);
-        return;
-    }
-    index = LL(BuildMul)(e->b, index, emit_i64(e, e->W), "");
-    Part row = emit_gep(e, e->t_flt, e->adj, index);
-    unsigned align = emit_part_align(e, e->plan.flt_bytes);
-    for (uint32_t p = 0; p < e->P; p++) {
+    bool flat = e->opt->adj == ADJ_FLAT;
+    uint32_t lanes = back_adjoint_lanes(e->opt, e->fn->precision), parts = lanes > e->L ? lanes / e->L : 1;
+    sum_parts(e, value, parts);
+    if (flat) value[0] = sum_of_lanes(e, value[0]);
+    Part row = emit_gep(e, e->t_flt, e->adj, flat ? index : LL(BuildMul)(e->b, index, emit_i64(e, lanes), ""));
+    unsigned align = flat ? e->plan.flt_bytes : emit_part_align(e, e->plan.flt_bytes);
+    for (uint32_t p = 0; p < parts && p < e->P; p++) {
         Part at = emit_gep(e, e->t_flt, row, emit_i64(e, (uint64_t)p * e->L));
-        Part old = emit_load(e, emit_vector_type(e, e->t_flt), at, align, false);
+        Part old = emit_load(e, LL(TypeOf)(value[p]), at, align, false);
         emit_store(e, LL(BuildFAdd)(e->b, old, value[p], ""), at, align);
     }
 }

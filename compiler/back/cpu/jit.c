@@ -8,7 +8,7 @@
 
 struct CompiledModule {
     Loaded *code;
-    uint32_t n, width;
+    uint32_t n, *widths;
     char (*names)[64];
     uint32_t *instructions;
     SltKernel **kernels;
@@ -16,19 +16,19 @@ struct CompiledModule {
     bool cached;
 };
 
-static CompiledModule *new_module(const KernelRequest *k, uint32_t n, uint32_t width) {
+static CompiledModule *new_module(const KernelRequest *k, uint32_t n, const BackOptions *o) {
     CompiledModule *m = calloc(1, sizeof *m);
     if (!m) return NULL;
     m->n = n;
-    m->width = width;
     m->names = calloc(n + 1, sizeof *m->names);
+    m->widths = calloc(n + 1, sizeof *m->widths);
     m->instructions = calloc(n + 1, sizeof *m->instructions);
     m->kernels = calloc(n + 1, sizeof(SltKernel *));
-    if (!m->names || !m->instructions || !m->kernels) {
+    if (!m->names || !m->widths || !m->instructions || !m->kernels) {
         back_free(m);
         return NULL;
     }
-    for (uint32_t j = 0; j < n; j++) strcpy(m->names[j], k[j].name);
+    for (uint32_t j = 0; j < n; j++) strcpy(m->names[j], k[j].name), m->widths[j] = back_choose_width(k, j, o);
     return m;
 }
 
@@ -76,12 +76,12 @@ static int check_request(Session *s, const KernelRequest *k, uint32_t n, uint32_
     return back_check_width(s, width, why);
 }
 
-static int compile(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, uint32_t width,
-                   CompiledModule *m, const char **why) {
+static int compile(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, CompiledModule *m,
+                   const char **why) {
     const char *folder = o->no_cache ? NULL : cache_folder(&s->scratch, o->cache_dir), *bad = NULL;
     CacheKey key = {0};
     size_t size = 0;
-    if (folder && !cache_key(s, k, n, o, width, "llvm " LLVM_VERSION_STRING, &key)) folder = NULL;
+    if (folder && !cache_key(s, k, n, o, "llvm " LLVM_VERSION_STRING, &key)) folder = NULL;
     if (folder) {
         unsigned char *payload = cache_read(&s->scratch, folder, &key, &size);
         m->cached = payload && adopt(m, payload, size, &bad);
@@ -89,7 +89,7 @@ static int compile(Session *s, const KernelRequest *k, uint32_t n, const BackOpt
         if (m->cached) return SLT_OK;
     }
     Codegen g;
-    int status = back_codegen(s, k, n, o, width, 'o', &g, why);
+    int status = back_codegen(s, k, n, o, 'o', &g, why);
     if (status) return status;
     m->emit_ms = g.emit_ms;
     m->llvm_ms = g.llvm_ms;
@@ -112,16 +112,15 @@ static int compile(Session *s, const KernelRequest *k, uint32_t n, const BackOpt
 int back_compile(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, CompiledModule **out,
                  const char **why) {
     *out = NULL;
-    uint32_t width = o->width ? o->width : back_choose_width(k, n, &o->target);
-    int status = check_request(s, k, n, width, why);
+    int status = check_request(s, k, n, o->width, why);
     if (status) return status;
-    CompiledModule *m = new_module(k, n, width);
+    CompiledModule *m = new_module(k, n, o);
     if (!m) {
         *why = "out of memory";
         return SLT_LIMIT;
     }
     ArenaMark mark = arena_mark(&s->scratch);
-    status = compile(s, k, n, o, width, m, why);
+    status = compile(s, k, n, o, m, why);
     arena_reset(&s->scratch, mark);
     if (status) {
         back_free(m);
@@ -142,7 +141,10 @@ SltKernel *back_kernel(const CompiledModule *m, const char *name) {
     return j < 0 ? NULL : m->kernels[j];
 }
 
-uint32_t back_width(const CompiledModule *m) { return m->width; }
+uint32_t back_width(const CompiledModule *m, const char *name) {
+    int j = find(m, name);
+    return j < 0 ? 0 : m->widths[j];
+}
 
 uint32_t back_instructions(const CompiledModule *m, const char *name) {
     int j = find(m, name);
@@ -164,6 +166,7 @@ void back_free(CompiledModule *m) {
     if (!m) return;
     load_free(m->code);
     free(m->names);
+    free(m->widths);
     free(m->instructions);
     free(m->kernels);
     free(m);
