@@ -1,4 +1,7 @@
-/* 8-bit pixels straight from the kernel: one sample in the middle of every pixel, rows over threads. */
+/* 8-bit pixels straight from the kernel: one sample in the middle of every pixel, strips of rows over threads.
+ *
+ * Lanes side by side are pixels of a square, since where neighbours branch otherwise those of a row do so more often.
+ */
 #include <stdlib.h>
 #include <string.h>
 
@@ -6,12 +9,13 @@
 #include "runtime/sample/prune.h"
 #include "runtime/sample/run.h"
 
-enum { ROWS = 8 };
+enum { SIDE = 8 /* of a square; rows of a strip */, CALL = 1024 /* samples */ };
 
+/* The samples of one call. Positions are those of the scene's precision. */
 typedef struct PixelWorker {
-    void *x[3];
-    int32_t *pixel[2], *zero;
-    uint32_t *out;
+    void *x[3], *zero;
+    int32_t *pixel[2];
+    uint32_t out[CALL + SLT_PAD] __attribute__((aligned(64)));
     SltKernelArgs args;
 } PixelWorker;
 
@@ -19,41 +23,39 @@ typedef struct Pixels {
     SltProgram *p;
     const SltJob *job;
     uint32_t *out;
+    bool squares;
+    void *middle; /* [width] of the columns */
     PixelWorker *worker;
 } Pixels;
-
-static void set(const SltProgram *p, void *a, uint32_t i, double v) {
-    if (p->opt.f64) ((double *)a)[i] = v;
-    else ((float *)a)[i] = (float)v;
-}
 
 double api_middle(const SltProgram *p, const SltJob *job, uint32_t axis, uint32_t cell) {
     const Program *g = p->prog;
     return g->lo[axis] + (cell + 0.5) * ((g->hi[axis] - g->lo[axis]) / job->size[axis]); /* as grid_middle */
 }
 
-static bool worker_init(Pixels *q, PixelWorker *w) {
-    uint32_t width = q->job->size[0], n = (width + SLT_PAD - 1) / SLT_PAD * SLT_PAD;
+static void set(const SltProgram *p, void *a, uint32_t i, double v) {
+    if (p->opt.f64) ((double *)a)[i] = v;
+    else ((float *)a)[i] = (float)v;
+}
+
+/* Everything that a call reads is a number, also where nobody looks. */
+static bool worker_init(const Pixels *q, PixelWorker *w) {
+    enum { LANES = CALL + SLT_PAD };
     bool ok = true;
-    for (int d = 0; d < 3; d++) ok &= (w->x[d] = aligned_alloc(64, (size_t)n * 8)) != NULL;
-    for (int d = 0; d < 2; d++) ok &= (w->pixel[d] = aligned_alloc(64, (size_t)n * 4)) != NULL;
-    ok &= (w->zero = aligned_alloc(64, (size_t)n * 8)) != NULL;
-    ok &= (w->out = aligned_alloc(64, (size_t)n * 4)) != NULL;
+    for (int d = 0; d < 3; d++) ok &= (w->x[d] = aligned_alloc(64, LANES * sizeof(double))) != NULL;
+    for (int d = 0; d < 2; d++) ok &= (w->pixel[d] = aligned_alloc(64, LANES * sizeof(int32_t))) != NULL;
+    ok &= (w->zero = aligned_alloc(64, LANES * sizeof(double))) != NULL;
     if (!ok) return false;
-    memset(w->zero, 0, (size_t)n * 8);
-    for (uint32_t i = 0; i < n; i++) {
-        uint32_t x = i < width ? i : width - 1;
-        set(q->p, w->x[0], i, api_middle(q->p, q->job, 0, x));
-        set(q->p, w->x[2], i, api_middle(q->p, q->job, 2, 0));
-        w->pixel[0][i] = (int32_t)x;
-    }
+    memset(w->zero, 0, LANES * sizeof(double));
+    for (int d = 0; d < 2; d++) memset(w->pixel[d], 0, LANES * sizeof(int32_t));
+    for (uint32_t d = 0; d < 3; d++)
+        for (uint32_t i = 0; i < LANES; i++) set(q->p, w->x[d], i, api_middle(q->p, q->job, d, 0));
     for (int s = 0; s < SLT_IN_VARYING; s++) w->args.in[s] = w->zero;
     for (int d = 0; d < 3; d++) w->args.in[IN_X0 + d] = w->x[d];
     w->args.in[IN_PIXEL0] = w->pixel[0], w->args.in[IN_PIXEL1] = w->pixel[1];
     w->args.out[0] = w->out;
     w->args.params = q->p->flt, w->args.iparams = q->p->scene.iparams, w->args.geometries = q->p->scene.geometries;
-    w->args.resolution[0] = (int32_t)width, w->args.resolution[1] = (int32_t)q->job->size[1];
-    w->args.n_valid = width;
+    w->args.resolution[0] = (int32_t)q->job->size[0], w->args.resolution[1] = (int32_t)q->job->size[1];
     return true;
 }
 
@@ -61,39 +63,98 @@ static void worker_free(PixelWorker *w) {
     for (int d = 0; d < 3; d++) free(w->x[d]);
     for (int d = 0; d < 2; d++) free(w->pixel[d]);
     free(w->zero);
-    free(w->out);
 }
 
-static bool work(void *user, uint32_t worker, uint64_t tile) {
-    Pixels *q = user;
-    PixelWorker *w = &q->worker[worker];
-    uint32_t width = q->job->size[0], height = q->job->size[1], n = (width + SLT_PAD - 1) / SLT_PAD * SLT_PAD;
-    for (uint32_t row = (uint32_t)tile * ROWS; row < height && row < (tile + 1) * ROWS; row++) {
-        for (uint32_t i = 0; i < n; i++) {
-            set(q->p, w->x[1], i, api_middle(q->p, q->job, 1, height - 1 - row));
-            w->pixel[1][i] = (int32_t)row;
-        }
-        q->p->scene.kernel[SLT_K_VALUE](&w->args, width);
-        memcpy(q->out + (size_t)row * width, w->out, (size_t)width * sizeof *q->out);
+/* A stretch of `across` columns of `rows` rows, square by square, each row by row: lane
+ * (square * rows + row) * SIDE + column. One row is in order. */
+typedef struct Stretch {
+    uint32_t first, across, row, rows;
+} Stretch;
+
+#define PLACE_COLUMNS(name, T)                                                                                         \
+    static void name(const Stretch *s, const T *middle, T *x) {                                                        \
+        for (uint32_t c = 0; c < s->across; c += SIDE)                                                                 \
+            for (uint32_t r = 0; r < s->rows; r++)                                                                     \
+                for (uint32_t k = 0; k < SIDE && c + k < s->across; k++) *x++ = middle[s->first + c + k];              \
     }
+PLACE_COLUMNS(place_f32, float)
+PLACE_COLUMNS(place_f64, double)
+
+/* Of lanes in the order of a stretch. */
+static void place_rows(const Pixels *q, PixelWorker *w, const Stretch *s, uint32_t lanes) {
+    for (uint32_t i = 0; i < lanes; i += SIDE) {
+        uint32_t row = s->row + i / SIDE % s->rows;
+        double y = api_middle(q->p, q->job, 1, q->job->size[1] - 1 - row);
+        for (uint32_t k = i; k < i + SIDE; k++) set(q->p, w->x[1], k, y), w->pixel[1][k] = (int32_t)row;
+    }
+}
+
+static void run_stretch(const Pixels *q, PixelWorker *w, const Stretch *s) {
+    if (q->p->opt.f64) place_f64(s, q->middle, w->x[0]);
+    else place_f32(s, q->middle, w->x[0]);
+    int32_t *at = w->pixel[0];
+    for (uint32_t c = 0; c < s->across; c += SIDE)
+        for (uint32_t r = 0; r < s->rows; r++)
+            for (uint32_t k = 0; k < SIDE && c + k < s->across; k++) *at++ = (int32_t)(s->first + c + k);
+    w->args.n_valid = s->across * s->rows;
+    q->p->scene.kernel[SLT_K_VALUE](&w->args, s->across * s->rows);
+    const uint32_t width = q->job->size[0], *from = w->out;
+    for (uint32_t c = 0; c < s->across; c += SIDE)
+        for (uint32_t r = 0; r < s->rows; r++) {
+            uint32_t n = s->across - c < SIDE ? s->across - c : SIDE;
+            memcpy(q->out + (size_t)(s->row + r) * width + s->first + c, from, n * sizeof *from);
+            from += n;
+        }
+}
+
+static void run_rows(const Pixels *q, PixelWorker *w, uint32_t row, uint32_t rows) {
+    const uint32_t width = q->job->size[0], columns = CALL / rows;
+    Stretch s = {.row = row, .rows = rows};
+    place_rows(q, w, &s, CALL);
+    for (s.first = 0; s.first < width; s.first += columns) {
+        s.across = width - s.first < columns ? width - s.first : columns;
+        run_stretch(q, w, &s);
+    }
+}
+
+static bool work(void *user, uint32_t worker, uint64_t strip) {
+    const Pixels *q = user;
+    uint32_t row = (uint32_t)strip * SIDE, height = q->job->size[1], rows = height - row < SIDE ? height - row : SIDE;
+    if (q->squares && rows == SIDE) run_rows(q, &q->worker[worker], row, SIDE);
+    else
+        for (uint32_t r = row; r < row + rows; r++) run_rows(q, &q->worker[worker], r, 1);
     return true;
+}
+
+static bool prints(const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_print) return true;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (prints(i->region[r])) return true;
+    }
+    return false;
 }
 
 static void merge(void *user, uint32_t worker, uint64_t tile) { (void)user, (void)worker, (void)tile; }
 
 static SltStatus render(SltProgram *p, const SltJob *job, uint32_t *pixels, SltStats *stats, SltError *err) {
-    uint64_t tiles = (job->size[1] + ROWS - 1) / ROWS;
+    uint64_t strips = (job->size[1] + SIDE - 1) / SIDE;
     Pixels q = {.p = p, .job = job, .out = pixels};
-    uint32_t threads = pool_threads(job->threads, tiles);
-    q.worker = calloc(threads, sizeof *q.worker);
-    bool ok = q.worker != NULL;
+    q.squares = job->size[0] % SIDE == 0 && !prints(p->fn[K_VALUE]->body); /* what is printed comes row by row */
+    uint32_t threads = pool_threads(job->threads, strips);
+    q.worker = aligned_alloc(64, threads * sizeof *q.worker);
+    q.middle = malloc(job->size[0] * sizeof(double));
+    bool ok = q.worker && q.middle;
+    if (q.worker) memset(q.worker, 0, threads * sizeof *q.worker);
+    for (uint32_t i = 0; ok && i < job->size[0]; i++) set(p, q.middle, i, api_middle(p, job, 0, i));
     for (uint32_t t = 0; ok && t < threads; t++) ok = worker_init(&q, &q.worker[t]);
     double start = pool_now();
     PoolOptions o = pool_of_job(job, threads);
-    SltStatus s = ok ? pool_run(&o, tiles, work, merge, &q, err) : status_fail(err, SLT_LIMIT, "out of memory");
+    SltStatus s = ok ? pool_run(&o, strips, work, merge, &q, err) : status_fail(err, SLT_LIMIT, "out of memory");
     if (stats) stats->samples += (uint64_t)job->size[0] * job->size[1], stats->seconds += pool_now() - start;
     for (uint32_t t = 0; q.worker && t < threads; t++) worker_free(&q.worker[t]);
     free(q.worker);
+    free(q.middle);
     return s;
 }
 
