@@ -12,7 +12,7 @@ enum { SLOT_BYTES = (BATCH + SLT_PAD) * sizeof(double), POISON = 0xff /* of all 
 
 /* A slot for every input that some kernel reads, and for as many outputs as a kernel has; one more takes what is
  * written to inputs that none reads. Zeroed: an input that nobody writes must still be a valid number. */
-static bool make_slots(Batch *b, uint64_t *read) {
+static bool make_slots(Batch *b) {
     uint64_t reads = 0;
     uint32_t ninputs = 0, noutputs = 0;
     for (uint32_t kind = 0; kind < SLT_KERNELS; kind++) {
@@ -23,7 +23,7 @@ static bool make_slots(Batch *b, uint64_t *read) {
             if (end > noutputs) noutputs = end;
         }
     }
-    *read = reads;
+    b->reads = reads;
     assert(noutputs <= SLT_OUT_MAX);
     for (uint32_t i = 0; i < SLT_IN_VARYING; i++) ninputs += reads >> i & 1;
     size_t bytes = (size_t)SLOT_BYTES * (1 + ninputs + noutputs);
@@ -76,14 +76,13 @@ static void make_tape(Batch *b, uint64_t bytes) {
 
 bool batch_init(Batch *b, const SltScene *s, const Grid *g) {
     memset(b, 0, sizeof *b);
-    b->s = s, b->f64 = s->f64, b->grid = g;
+    b->s = s, b->f64 = s->f64, b->grid = g, b->fill = fill_best();
     b->pixels = g && !g->integral;
     assert(s->channels <= SLT_MAX_CHANNELS && scene_outputs(s, SLT_K_REGION, SLT_OUT_WITNESS) <= SLT_WITNESSES);
     assert(scene_outputs(s, SLT_K_EVENT, SLT_OUT_K) <= SLT_MAX_K);
-    uint64_t reads = 0;
-    if (!make_slots(b, &reads)) return false;
+    if (!make_slots(b)) return false;
     bool image = b->pixels;
-    b->pixels &= (reads >> SLT_IN_PIXEL0 & 3) != 0;
+    b->pixels &= (b->reads >> SLT_IN_PIXEL0 & 3) != 0;
     b->args.params = s->params, b->args.iparams = s->iparams;
     b->args.print = s->print, b->args.user = s->print_user;
     b->args.geometries = s->geometries;

@@ -85,12 +85,14 @@ SltStatus grid_init(Grid *g, const SltScene *s, const SltJob *j, SltError *err) 
     }
     if (!j->integral && j->filter != SLT_FILTER_BOX) {
         for (uint32_t d = 0; d < s->dim; d++) {
-            g->mass[d] = malloc(g->n[d] * sizeof *g->mass[d]);
+            g->mass[d] = malloc(2 * (size_t)g->n[d] * sizeof *g->mass[d]);
+            g->before[d] = g->mass[d] + g->n[d];
             if (!g->mass[d]) return status_fail(err, SLT_LIMIT, "out of memory");
             for (uint32_t p = 0; p < g->n[d]; p++) {
                 double from, to;
                 covered(g, p, d, &from, &to);
-                g->mass[d][p] = cumulative(g->filter, to, g->radius) - cumulative(g->filter, from, g->radius);
+                g->before[d][p] = cumulative(g->filter, from, g->radius);
+                g->mass[d][p] = cumulative(g->filter, to, g->radius) - g->before[d][p];
             }
         }
     }
@@ -98,7 +100,7 @@ SltStatus grid_init(Grid *g, const SltScene *s, const SltJob *j, SltError *err) 
 }
 
 void grid_free(Grid *g) {
-    for (int d = 0; d < 3; d++) free(g->mass[d]), g->mass[d] = NULL;
+    for (int d = 0; d < 3; d++) free(g->mass[d]), g->mass[d] = g->before[d] = NULL;
 }
 
 void grid_into(const Grid *g, const uint32_t from[3], const uint32_t to[3], double x[3]) {
@@ -144,7 +146,7 @@ double grid_share(const Grid *g, uint32_t axis, uint32_t p, double a, double b) 
 double grid_place_filtered(const Grid *g, uint32_t axis, uint32_t p, double u) {
     double from, to;
     covered(g, p, axis, &from, &to);
-    double q = cumulative(g->filter, from, g->radius) + u * g->mass[axis][p];
+    double q = g->before[axis][p] + u * g->mass[axis][p];
     double v = inverse(g->filter, q, g->radius);
     v = v < from ? from : v > to ? to : v;
     return g->lo[axis] + (p + 0.5 + v) * g->side[axis];
