@@ -27,6 +27,14 @@ static void set(const SltProgram *p, void *a, uint32_t i, double v) {
     else ((float *)a)[i] = (float)v;
 }
 
+static void set_all(const SltProgram *p, void *a, uint32_t n, double v) {
+    const float narrow = (float)v;
+    if (p->opt.f64)
+        for (uint32_t i = 0; i < n; i++) ((double *)a)[i] = v;
+    else
+        for (uint32_t i = 0; i < n; i++) ((float *)a)[i] = narrow;
+}
+
 double api_middle(const SltProgram *p, const SltJob *job, uint32_t axis, uint32_t cell) {
     const Program *g = p->prog;
     return g->lo[axis] + (cell + 0.5) * ((g->hi[axis] - g->lo[axis]) / job->size[axis]); /* as grid_middle */
@@ -69,10 +77,8 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
     PixelWorker *w = &q->worker[worker];
     uint32_t width = q->job->size[0], height = q->job->size[1], n = (width + SLT_PAD - 1) / SLT_PAD * SLT_PAD;
     for (uint32_t row = (uint32_t)tile * ROWS; row < height && row < (tile + 1) * ROWS; row++) {
-        for (uint32_t i = 0; i < n; i++) {
-            set(q->p, w->x[1], i, api_middle(q->p, q->job, 1, height - 1 - row));
-            w->pixel[1][i] = (int32_t)row;
-        }
+        set_all(q->p, w->x[1], n, api_middle(q->p, q->job, 1, height - 1 - row));
+        for (uint32_t i = 0; i < n; i++) w->pixel[1][i] = (int32_t)row;
         q->p->scene.kernel[SLT_K_VALUE](&w->args, width);
         memcpy(q->out + (size_t)row * width, w->out, (size_t)width * sizeof *q->out);
     }

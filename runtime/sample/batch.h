@@ -53,6 +53,15 @@ static inline void batch_set_int(Batch *b, uint32_t slot, uint32_t i, int32_t v)
     assert(slot < SLT_IN_VARYING && i < BATCH + SLT_PAD);
     ((int32_t *)b->args.in[slot])[i] = v;
 }
+/* Input `slot` of samples i .. i + n - 1, all the same. */
+static inline void batch_set_all(Batch *b, uint32_t slot, uint32_t i, uint32_t n, double v) {
+    const float narrow = (float)v;
+    void *row = batch_row(b, slot, i);
+    if (b->f64)
+        for (uint32_t k = 0; k < n; k++) ((double *)row)[k] = v;
+    else
+        for (uint32_t k = 0; k < n; k++) ((float *)row)[k] = narrow;
+}
 /* Output k of a role, of the kernel that was called last: of all samples (batch_out), or of sample i. */
 static inline const void *batch_out(const Batch *b, SltRole role, uint32_t k) {
     assert(k < b->layout->out[role].count);

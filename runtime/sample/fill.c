@@ -44,8 +44,30 @@ static int32_t *draw(const Fill *f, const FillStreams *s, Drawing *d, int32_t *t
     return to;
 }
 
+/* Of runs of one sample each. */
+static void draw_single(const Fill *f, const FillStreams *s, uint32_t runs, const uint64_t *owner,
+                        const uint64_t *first, int32_t *to) {
+    Drawing d; /* long, and set as it is used */
+    uint64_t *const words[2] = {d.words[0], d.words[1]};
+    for (uint32_t from = 0; from < runs; from += BLOCKS) {
+        const uint32_t n = runs - from < BLOCKS ? runs - from : BLOCKS;
+        for (uint32_t i = 0; i < n; i++)
+            d.lane[i] = s->lane ^ (uint32_t)(first[from + i] >> 2) * 0x9e3779b9u,
+            d.counter[i] = owner[from + i] << 24 ^ first[from + i] >> 2;
+        f->blocks(s->seed ^ (uint32_t)s->purpose * 0x85ebca6bu, RNG_STREAM, n, d.lane, d.counter, words);
+        for (uint32_t i = 0; i < n; i++) {
+            const uint64_t two = first[from + i] & 2 ? d.words[1][i] : d.words[0][i];
+            to[from + i] = (int32_t)(first[from + i] & 1 ? two >> 32 : two);
+        }
+    }
+}
+
 void fill_streams(const Fill *f, const FillStreams *s, uint32_t runs, const uint32_t *count, const uint64_t *owner,
                   const uint64_t *first, int32_t *to) {
+    if (!count) {
+        draw_single(f, s, runs, owner, first, to);
+        return;
+    }
     Drawing d; /* long, and set as it is used */
     d.n = 0;
     for (uint32_t r = 0; r < runs; r++) {

@@ -34,9 +34,11 @@ typedef struct Fill {
                   void *x);
     /* Words of 32 bits: that of sample i of run r is value[r] + i * step. */
     void (*spread)(uint32_t runs, const uint32_t *count, const void *value, uint32_t step, void *to);
-    /* Adds the samples f of each run in their order to to[0], to[stride], ... */
+    /* Adds the samples f of each run in their order to to[0], to[stride], ...; count as for `place`. */
     void (*sum_f32)(const float *f, uint32_t runs, const uint32_t *count, double *to, uint32_t stride);
     void (*sum_f64)(const double *f, uint32_t runs, const uint32_t *count, double *to, uint32_t stride);
+    /* to[n] = sum[n] / count */
+    void (*mean)(const double *sum, uint64_t n, uint32_t count, float *to);
 } Fill;
 extern const Fill fill_plain, fill_avx2, fill_avx512;
 /* All that this machine can run, narrowest first; returns how many. */
@@ -47,7 +49,7 @@ const Fill *fill_best(void);
 static inline uint64_t fill_start(uint32_t shift, uint64_t ratio, uint64_t index) {
     return ((uint64_t)shift << 32 | 0x80000000u) + index * ratio;
 }
-/* pattern_stream of samples first[r], first[r] + stride, ... (1 or 4) of owner[r], for count[r] of each run. */
+/* pattern_stream of samples first[r], first[r] + stride, ... (1 or 4) of owner[r]; count as for `place`. */
 typedef struct FillStreams {
     uint32_t seed, lane, stride;
     RngPurpose purpose;

@@ -156,6 +156,16 @@ static void spread(uint32_t runs, const uint32_t *count, const void *values, uin
     }
 }
 
+#define SUM_SINGLE(name, T)                                                                                            \
+    static void name(const T *f, uint32_t runs, double *to, uint32_t stride) {                                        \
+        if (stride == 1)                                                                                               \
+            for (uint32_t r = 0; r < runs; r++) to[r] += (double)f[r];                                                 \
+        else                                                                                                           \
+            for (uint32_t r = 0; r < runs; r++) to[(uint64_t)r * stride] += (double)f[r];                              \
+    }
+SUM_SINGLE(sum_single_f32, float)
+SUM_SINGLE(sum_single_f64, double)
+
 typedef float F4 __attribute__((vector_size(16)));
 typedef double D4 __attribute__((vector_size(32)));
 
@@ -163,6 +173,10 @@ typedef double D4 __attribute__((vector_size(32)));
 static void sum_f32(const float *f, uint32_t runs, const uint32_t *count, double *to, uint32_t stride) {
     enum { RUNS = 4 };
     uint32_t r = 0;
+    if (!count) {
+        sum_single_f32(f, runs, to, stride);
+        return;
+    }
     while (r < runs) {
         const uint32_t n = count[r];
         if (n >= RUNS && r + RUNS <= runs && count[r + 1] == n && count[r + 2] == n && count[r + 3] == n) {
@@ -190,9 +204,22 @@ static void sum_f32(const float *f, uint32_t runs, const uint32_t *count, double
 }
 
 static void sum_f64(const double *f, uint32_t runs, const uint32_t *count, double *to, uint32_t stride) {
+    if (!count) {
+        sum_single_f64(f, runs, to, stride);
+        return;
+    }
     for (uint32_t r = 0; r < runs; f += count[r++], to += stride) {
         double sum = *to;
         for (uint32_t i = 0; i < count[r]; i++) sum += f[i];
         *to = sum;
     }
+}
+
+/* Of a power of two the reciprocal is exact, and so is what a product with it rounds to. */
+static void mean(const double *sum, uint64_t n, uint32_t count, float *to) {
+    const double by = count, part = 1 / by;
+    if (count & (count - 1))
+        for (uint64_t i = 0; i < n; i++) to[i] = (float)(sum[i] / by);
+    else
+        for (uint64_t i = 0; i < n; i++) to[i] = (float)(sum[i] * part);
 }

@@ -86,8 +86,8 @@ SltStatus grid_init(Grid *g, const SltScene *s, const SltJob *j, SltError *err) 
     if (!j->integral && j->filter != SLT_FILTER_BOX) {
         for (uint32_t d = 0; d < s->dim; d++) {
             g->mass[d] = malloc(2 * (size_t)g->n[d] * sizeof *g->mass[d]);
-            g->before[d] = g->mass[d] + g->n[d];
             if (!g->mass[d]) return status_fail(err, SLT_LIMIT, "out of memory");
+            g->before[d] = g->mass[d] + g->n[d];
             for (uint32_t p = 0; p < g->n[d]; p++) {
                 double from, to;
                 covered(g, p, d, &from, &to);

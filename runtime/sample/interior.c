@@ -85,50 +85,72 @@ typedef struct Rows {
         float *to;
         uint32_t n;
     } at[BATCH];
+    /* what grid_middle is to fill.h */
+    uint64_t start[BATCH + FILL_OVER];
+    int32_t cell[BATCH + FILL_OVER];
 } Rows;
 
 static uint32_t fill_rows(const Interior *p, Batch *b, Rows *k) {
     const Grid *g = &p->run->grid;
+    const FillAxis across = {.lo = g->lo[0], .side = g->side[0], .f64 = b->f64};
     uint32_t lanes = 0;
     for (k->n = 0; k->t < k->end && lanes + k->t->n[0] <= BATCH; k->n++) {
         const TileRect *t = k->t;
         uint32_t y = t->lo[1] + k->row % t->n[1], z = t->lo[2] + k->row / t->n[1];
-        double middle[3] = {0, grid_middle(g, 1, y), grid_middle(g, 2, z)};
+        const double middle[3] = {0, grid_middle(g, 1, y), grid_middle(g, 2, z)};
         k->at[k->n].to = p->image + grid_index(g, t->lo[0], y, z) * p->run->s->channels, k->at[k->n].n = t->n[0];
-        for (uint32_t x = t->lo[0]; x < t->lo[0] + t->n[0]; x++, lanes++) {
-            batch_set(b, SLT_IN_X0, lanes, grid_middle(g, 0, x));
-            for (uint32_t d = 1; d < g->dim; d++) batch_set(b, SLT_IN_X0 + d, lanes, middle[d]);
-            batch_set_int(b, SLT_IN_PIXEL0, lanes, (int32_t)x);
-            batch_set_int(b, SLT_IN_PIXEL1, lanes, (int32_t)(g->n[1] - 1 - y));
-        }
+        for (uint32_t i = 0; i < t->n[0]; i++) k->cell[i] = (int32_t)(t->lo[0] + i);
+        b->fill->place(&across, t->n[0], NULL, k->start, k->cell, batch_row(b, SLT_IN_X0, lanes));
+        for (uint32_t d = 1; d < g->dim; d++) batch_set_all(b, SLT_IN_X0 + d, lanes, t->n[0], middle[d]);
+        if (batch_wants(b, SLT_IN_PIXEL0))
+            memcpy(batch_row_int(b, SLT_IN_PIXEL0, lanes), k->cell, t->n[0] * sizeof *k->cell);
+        if (batch_wants(b, SLT_IN_PIXEL1))
+            for (uint32_t i = 0; i < t->n[0]; i++)
+                batch_set_int(b, SLT_IN_PIXEL1, lanes + i, (int32_t)(g->n[1] - 1 - y));
+        lanes += t->n[0];
         if (++k->row == t->n[1] * t->n[2]) k->t++, k->row = 0;
     }
     return lanes;
 }
 
+static void put_row(float *to, uint32_t channels, const double *f, uint32_t n) {
+    for (uint32_t x = 0; x < n; x++) to[x * channels] = (float)f[x];
+}
+
+static void put_row_f32(float *to, uint32_t channels, const float *f, uint32_t n) {
+    if (channels == 1)
+        for (uint32_t x = 0; x < n; x++) to[x] = f[x];
+    else
+        for (uint32_t x = 0; x < n; x++) to[x * channels] = f[x];
+}
+
 static void middle_samples(const Interior *p, Worker *w, SltKernelKind kernel, const TileRect *t, uint32_t rects) {
     Batch *b = &w->batch;
-    uint32_t channels = p->run->s->channels, n;
+    uint32_t channels = p->run->s->channels, widest = 0, n;
     Rows k; /* `at` is long, and fill_rows sets it */
     k.t = t, k.end = t + rects, k.row = 0;
-    assert(t->n[0] <= BATCH);
+    for (uint32_t r = 0; r < rects; r++) widest = t[r].n[0] > widest ? t[r].n[0] : widest;
+    assert(widest <= BATCH);
+    for (uint32_t i = 0; i < widest + FILL_OVER; i++) k.start[i] = 1ull << 63;
     while ((n = fill_rows(p, b, &k))) {
         batch_call(b, kernel, n);
-        for (uint32_t c = 0; c < channels; c++)
-            for (uint32_t r = 0, i = 0; r < k.n; r++)
-                for (uint32_t x = 0; x < k.at[r].n; x++)
-                    k.at[r].to[x * channels + c] = (float)batch_get(b, SLT_OUT_F, c, i++);
+        for (uint32_t c = 0; c < channels; c++) {
+            const void *f = batch_out(b, SLT_OUT_F, c);
+            for (uint32_t r = 0, i = 0; r < k.n; i += k.at[r++].n)
+                if (b->f64) put_row(k.at[r].to + c, channels, (const double *)f + i, k.at[r].n);
+                else put_row_f32(k.at[r].to + c, channels, (const float *)f + i, k.at[r].n);
+        }
     }
 }
 
 /* Adds the outputs of a batch to the pixels of its runs, which follow one another. */
 static void add_samples(const Walk *k, const Batch *b, SltRole role, double *value) {
-    const uint32_t channels = b->s->channels;
+    const uint32_t channels = b->s->channels, *count = k->single ? NULL : k->count;
     for (uint32_t c = 0; c < channels; c++) {
         const void *f = batch_out(b, role, c);
         double *to = value + (uint64_t)k->first_pixel * channels + c;
-        if (b->f64) b->fill->sum_f64(f, k->runs, k->count, to, channels);
-        else b->fill->sum_f32(f, k->runs, k->count, to, channels);
+        if (b->f64) b->fill->sum_f64(f, k->runs, count, to, channels);
+        else b->fill->sum_f32(f, k->runs, count, to, channels);
     }
 }
 
@@ -149,10 +171,8 @@ static bool value_samples(Interior *p, Worker *w, SltKernelKind kernel, const Ti
     }
     const double *v = w->value;
     for (; rects--; t++)
-        for (uint32_t row = 0; row < t->n[1] * t->n[2]; row++) {
-            float *o = p->image + image_index(p, t, row * t->n[0]) * channels;
-            for (uint32_t i = 0; i < t->n[0] * channels; i++) *o++ = (float)(*v++ / p->count);
-        }
+        for (uint32_t row = 0; row < t->n[1] * t->n[2]; row++, v += t->n[0] * channels)
+            b->fill->mean(v, t->n[0] * channels, p->count, p->image + image_index(p, t, row * t->n[0]) * channels);
     return true;
 }
 

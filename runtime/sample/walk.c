@@ -11,6 +11,7 @@ typedef struct Chunk {
     bool later; /* some begin behind sample 0 */
     int32_t cell[3][CHUNK + FILL_OVER];
     uint64_t first[CHUNK + FILL_OVER];
+    uint32_t half[CHUNK + FILL_OVER]; /* of the walk, for each */
 } Chunk;
 
 /* Sets all but the runs. */
@@ -77,7 +78,7 @@ static void take_row(Walk *k, Chunk *c, uint32_t n) {
     const uint64_t owner = grid_index(&k->p->run->grid, k->at[0], k->at[1], k->at[2]);
     const uint32_t r = k->runs + c->n;
     for (uint32_t i = 0; i < n; i++) k->owner[r + i] = owner + i, k->count[r + i] = k->p->count;
-    for (uint32_t i = 0; i < n; i++) c->cell[0][c->n + i] = (int32_t)(k->at[0] + i), c->first[c->n + i] = 0;
+    for (uint32_t i = 0; i < n; i++) c->cell[0][c->n + i] = (int32_t)(k->at[0] + i);
     for (uint32_t d = 1; d < k->p->run->grid.dim; d++)
         for (uint32_t i = 0; i < n; i++) c->cell[d][c->n + i] = (int32_t)k->at[d];
     c->n += n, c->lanes += n * k->p->count;
@@ -87,6 +88,7 @@ static void take_row(Walk *k, Chunk *c, uint32_t n) {
 static void take(Walk *k, Chunk *c, uint32_t room) {
     const Interior *p = k->p;
     const bool plain = !p->adjoint && p->classes == 1;
+    if (c->later) memset(c->first, 0, sizeof c->first);
     c->n = c->lanes = 0, c->later = false;
     while (c->n < CHUNK && c->lanes < room && k->t < k->end) {
         uint32_t n = k->t->lo[0] + k->t->n[0] - k->at[0], whole = plain ? (room - c->lanes) / p->count : 0;
@@ -153,16 +155,15 @@ static void spread(const Place *at, uint32_t slot, const uint32_t *value, uint32
 static void fill_chunk(const Walk *k, Batch *b, const Chunk *c, uint32_t lane) {
     const Run *run = k->p->run;
     const Grid *g = b->grid;
-    const uint32_t dim = g->dim, stride = stride_of(k->p), n = c->n, half = k->p->half;
+    const uint32_t dim = g->dim, stride = stride_of(k->p), n = c->n;
     const bool rand = run->s->uses_rand, centred = run->j->centred;
     const uint32_t dims = dim + rand;
     const Place at = {b, lane, n, k->count + k->runs, c->lanes == n};
     uint64_t words[2][CHUNK + FILL_OVER], start[CHUNK + FILL_OVER];
     uint32_t value[CHUNK + FILL_OVER];
-    if (rand || !centred) {
-        for (uint32_t i = 0; i < n; i++) value[i] = half;
-        b->fill->blocks(run->j->seed, RNG_PIXEL, n, value, k->owner + k->runs, (uint64_t *const[]){words[0], words[1]});
-    }
+    if (rand || !centred)
+        b->fill->blocks(run->j->seed, RNG_PIXEL, n, c->half, k->owner + k->runs,
+                        (uint64_t *const[]){words[0], words[1]});
     for (uint32_t d = 0; d < dims; d++) {
         const uint64_t ratio = rng_ratio[dims - 1][d], *w = words[d / 2];
         const bool middle = centred && d < dim;
@@ -186,14 +187,17 @@ static void fill_chunk(const Walk *k, Batch *b, const Chunk *c, uint32_t lane) {
         for (uint32_t i = 0; i < n; i++) value[i] = (uint32_t)c->first[i];
     spread(&at, SLT_IN_SAMPLE, value, stride);
     if (rand && batch_wants(b, SLT_IN_STREAM)) {
-        const FillStreams s = {.seed = run->j->seed, .lane = half, .stride = stride, .purpose = RNG_PIXEL};
-        fill_streams(b->fill, &s, n, at.count, k->owner + k->runs, c->first, batch_row_int(b, SLT_IN_STREAM, lane));
+        const FillStreams s = {.seed = run->j->seed, .lane = k->p->half, .stride = stride, .purpose = RNG_PIXEL};
+        fill_streams(b->fill, &s, n, at.single ? NULL : at.count, k->owner + k->runs, c->first,
+                     batch_row_int(b, SLT_IN_STREAM, lane));
     }
 }
 
 uint32_t walk_fill(Walk *k, Batch *b) {
     Chunk c; /* long, and set as it is used */
     uint32_t n = 0;
+    c.later = true;
+    for (uint32_t i = 0; i < CHUNK + FILL_OVER; i++) c.half[i] = k->p->half;
     k->runs = 0, k->first_pixel = k->pixel;
     while (n < BATCH && k->t < k->end) {
         take(k, &c, BATCH - n);
@@ -201,6 +205,7 @@ uint32_t walk_fill(Walk *k, Batch *b) {
         fill_chunk(k, b, &c, n);
         k->runs += c.n, n += c.lanes;
     }
+    k->single = n == k->runs;
     return n;
 }
 

@@ -19,6 +19,7 @@ typedef struct Walk {
     uint32_t pixel;                    /* in the order of the walk: rectangle by rectangle, row by row upwards */
     uint32_t sample;                   /* of the pixel */
     uint32_t at[3];                    /* place of the pixel in the grid */
+    bool single;                       /* each run of the last batch is one sample */
     uint32_t runs, first_pixel;        /* first_pixel: of the first run */
     uint32_t count[BATCH + FILL_OVER]; /* by run: samples, */
     uint64_t owner[BATCH + FILL_OVER]; /* and where in an image its pixel is */
