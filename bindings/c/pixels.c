@@ -23,7 +23,7 @@ typedef struct Pixels {
     SltProgram *p;
     const SltJob *job;
     uint32_t *out;
-    bool squares;
+    bool squares, asks_pixels;
     void *middle; /* [width] of the columns */
     PixelWorker *worker;
 } Pixels;
@@ -80,6 +80,12 @@ typedef struct Stretch {
 PLACE_COLUMNS(place_f32, float)
 PLACE_COLUMNS(place_f64, double)
 
+static void place_pixels(const Stretch *s, int32_t *at) {
+    for (uint32_t c = 0; c < s->across; c += SIDE)
+        for (uint32_t r = 0; r < s->rows; r++)
+            for (uint32_t k = 0; k < SIDE && c + k < s->across; k++) *at++ = (int32_t)(s->first + c + k);
+}
+
 /* Of lanes in the order of a stretch. */
 static void place_rows(const Pixels *q, PixelWorker *w, const Stretch *s, uint32_t lanes) {
     for (uint32_t i = 0; i < lanes; i += SIDE) {
@@ -92,10 +98,7 @@ static void place_rows(const Pixels *q, PixelWorker *w, const Stretch *s, uint32
 static void run_stretch(const Pixels *q, PixelWorker *w, const Stretch *s) {
     if (q->p->opt.f64) place_f64(s, q->middle, w->x[0]);
     else place_f32(s, q->middle, w->x[0]);
-    int32_t *at = w->pixel[0];
-    for (uint32_t c = 0; c < s->across; c += SIDE)
-        for (uint32_t r = 0; r < s->rows; r++)
-            for (uint32_t k = 0; k < SIDE && c + k < s->across; k++) *at++ = (int32_t)(s->first + c + k);
+    if (q->asks_pixels) place_pixels(s, w->pixel[0]);
     w->args.n_valid = s->across * s->rows;
     q->p->scene.kernel[SLT_K_VALUE](&w->args, s->across * s->rows);
     const uint32_t width = q->job->size[0], *from = w->out;
@@ -141,6 +144,7 @@ static SltStatus render(SltProgram *p, const SltJob *job, uint32_t *pixels, SltS
     uint64_t strips = (job->size[1] + SIDE - 1) / SIDE;
     Pixels q = {.p = p, .job = job, .out = pixels};
     q.squares = job->size[0] % SIDE == 0 && !prints(p->fn[K_VALUE]->body); /* what is printed comes row by row */
+    q.asks_pixels = p->scene.layout[SLT_K_VALUE].reads >> SLT_IN_PIXEL0 & 1;
     uint32_t threads = pool_threads(job->threads, strips);
     q.worker = aligned_alloc(64, threads * sizeof *q.worker);
     q.middle = malloc(job->size[0] * sizeof(double));

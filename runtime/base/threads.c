@@ -31,12 +31,13 @@ double pool_now(void) {
 }
 
 uint32_t pool_threads(uint32_t wanted, uint64_t tiles) {
+    if (tiles <= 1) return 1; /* to ask for the cores takes longer than to draw a small image */
     if (!wanted) {
         long cores = sysconf(_SC_NPROCESSORS_ONLN);
         wanted = cores > 0 ? (uint32_t)cores : 1;
     }
     if (wanted > POOL_MAX) wanted = POOL_MAX;
-    if (tiles < wanted) wanted = tiles ? (uint32_t)tiles : 1;
+    if (tiles < wanted) wanted = (uint32_t)tiles;
     return wanted;
 }
 

@@ -8,11 +8,14 @@
 
 #define TAPE_ROOM ((uint64_t)1 << 30) /* bytes, of a tape that grows */
 
-enum { SLOT_BYTES = (BATCH + SLT_PAD) * sizeof(double), POISON = 0xff /* of all bytes: NaN, -1 */ };
+enum { POISON = 0xff /* of all bytes: NaN, -1 */ };
+
+/* Of an input or output: of floats, which integers are no longer than. */
+static size_t slot_bytes(const Batch *b) { return (BATCH + SLT_PAD) * (b->f64 ? sizeof(double) : sizeof(float)); }
 
 /* A slot for every input that some kernel reads, and for as many outputs as a kernel has; one more takes what is
- * written to inputs that none reads. Zeroed: an input that nobody writes must still be a valid number. */
-static bool make_slots(Batch *b, uint64_t *read) {
+ * written to inputs that none reads. Inputs are 0: one that nobody writes must still be a valid number. */
+static bool make_slots(Batch *b) {
     uint64_t reads = 0;
     uint32_t ninputs = 0, noutputs = 0;
     for (uint32_t kind = 0; kind < SLT_KERNELS; kind++) {
@@ -23,15 +26,15 @@ static bool make_slots(Batch *b, uint64_t *read) {
             if (end > noutputs) noutputs = end;
         }
     }
-    *read = reads;
+    b->reads = reads;
     assert(noutputs <= SLT_OUT_MAX);
     for (uint32_t i = 0; i < SLT_IN_VARYING; i++) ninputs += reads >> i & 1;
-    size_t bytes = (size_t)SLOT_BYTES * (1 + ninputs + noutputs);
-    unsigned char *p = b->memory = aligned_alloc(64, bytes), *unread = p;
+    const size_t slot = slot_bytes(b);
+    unsigned char *p = b->memory = aligned_alloc(64, slot * (1 + ninputs + noutputs)), *unread = p;
     if (!p) return false;
-    memset(p, 0, bytes);
-    for (uint32_t i = 0; i < SLT_IN_VARYING; i++) b->args.in[i] = reads >> i & 1 ? (p += SLOT_BYTES) : unread;
-    for (uint32_t i = 0; i < noutputs; i++) b->args.out[i] = p += SLOT_BYTES;
+    memset(p, 0, slot * (1 + ninputs));
+    for (uint32_t i = 0; i < SLT_IN_VARYING; i++) b->args.in[i] = reads >> i & 1 ? (p += slot) : unread;
+    for (uint32_t i = 0; i < noutputs; i++) b->args.out[i] = p += slot;
     return true;
 }
 
@@ -76,14 +79,13 @@ static void make_tape(Batch *b, uint64_t bytes) {
 
 bool batch_init(Batch *b, const SltScene *s, const Grid *g) {
     memset(b, 0, sizeof *b);
-    b->s = s, b->f64 = s->f64, b->grid = g;
+    b->s = s, b->f64 = s->f64, b->grid = g, b->fill = fill_best();
     b->pixels = g && !g->integral;
     assert(s->channels <= SLT_MAX_CHANNELS && scene_outputs(s, SLT_K_REGION, SLT_OUT_WITNESS) <= SLT_WITNESSES);
     assert(scene_outputs(s, SLT_K_EVENT, SLT_OUT_K) <= SLT_MAX_K);
-    uint64_t reads = 0;
-    if (!make_slots(b, &reads)) return false;
+    if (!make_slots(b)) return false;
     bool image = b->pixels;
-    b->pixels &= (reads >> SLT_IN_PIXEL0 & 3) != 0;
+    b->pixels &= (b->reads >> SLT_IN_PIXEL0 & 3) != 0;
     b->args.params = s->params, b->args.iparams = s->iparams;
     b->args.print = s->print, b->args.user = s->print_user;
     b->args.geometries = s->geometries;
@@ -93,9 +95,9 @@ bool batch_init(Batch *b, const SltScene *s, const Grid *g) {
     make_tape(b, (s->tape_bytes * lanes + 4096 + 63) & ~(uint64_t)63);
     if (!run_all(b)) return false;
 #ifndef NDEBUG
-    b->poison = aligned_alloc(64, SLOT_BYTES);
+    b->poison = aligned_alloc(64, slot_bytes(b));
     if (!b->poison) return false;
-    memset(b->poison, POISON, SLOT_BYTES);
+    memset(b->poison, POISON, slot_bytes(b));
 #endif
     return b->tape != NULL;
 }
@@ -172,7 +174,7 @@ static void run(Batch *b, SltKernelKind kind, SltKernel *kernel, uint32_t n) {
         if (!(b->layout->reads >> slot & 1)) b->args.in[slot] = b->poison;
     for (uint32_t r = 0; r < SLT_ROLES; r++)
         for (uint32_t k = 0; k < b->layout->out[r].count; k++)
-            memset(b->args.out[b->layout->out[r].first + k], POISON, SLOT_BYTES);
+            memset(b->args.out[b->layout->out[r].first + k], POISON, slot_bytes(b));
     if (b->s->call) b->s->call(b->s->call_user, (int)kind, &b->args, n);
     else kernel(&b->args, n);
     memcpy(b->args.in, in, sizeof in);
@@ -197,7 +199,7 @@ void batch_stop(Batch *b, SltKernelKind kind) {
     b->layout = &b->s->layout[kind];
     for (uint32_t r = 0; r < SLT_ROLES; r++)
         for (uint32_t k = 0; k < b->layout->out[r].count; k++)
-            memset(b->args.out[b->layout->out[r].first + k], 0, SLOT_BYTES);
+            memset(b->args.out[b->layout->out[r].first + k], 0, slot_bytes(b));
 }
 
 void batch_call(Batch *b, SltKernelKind kind, uint32_t n) {

@@ -8,7 +8,7 @@
 #include <string.h>
 
 #include "runtime/base/threads.h"
-#include "runtime/sample/grid.h"
+#include "runtime/sample/fill.h"
 
 enum { BATCH = 1024 }; /* most samples of a call */
 
@@ -17,6 +17,8 @@ typedef struct Batch {
     SltKernelArgs args;
     bool f64, pixels; /* pixels: some kernel asks for pixel(), and batch_set_x sets it */
     const Grid *grid;
+    const Fill *fill;
+    uint64_t reads;          /* bit k: some kernel reads input k */
     void *memory;            /* of all inputs and outputs */
     SltPruned all;           /* straight-line programs: every chunk runs. args.pruned, where nobody knows better */
     void *all_memory;        /* of its arrays, and of choices that nobody asks for */
@@ -32,7 +34,16 @@ bool batch_init(Batch *b, const SltScene *s, const Grid *g);
 void batch_prune(Batch *b, const SltPruned *pruned, uint64_t *choices);
 void batch_free(Batch *b);
 void batch_collect(Batch *b, SltStats *t); /* adds the counts of all calls to t, and sets them to 0 */
-/* Input `slot` (an SltInput) of sample i. */
+/* Does some kernel read the input? */
+static inline bool batch_wants(const Batch *b, uint32_t slot) { return b->reads >> slot & 1; }
+/* Input `slot` (an SltInput) from sample i on: of floats (of the program's precision), of integers. Behind BATCH there
+ * is room for FILL_OVER more. */
+static_assert((int)FILL_OVER <= (int)SLT_PAD, "rows are filled in whole vectors");
+static inline void *batch_row(const Batch *b, uint32_t slot, uint32_t i) {
+    return b->f64 ? (void *)((double *)b->args.in[slot] + i) : (void *)((float *)b->args.in[slot] + i);
+}
+static inline void *batch_row_int(const Batch *b, uint32_t slot, uint32_t i) { return (int32_t *)b->args.in[slot] + i; }
+/* Input `slot` of sample i. */
 static inline void batch_set(Batch *b, uint32_t slot, uint32_t i, double v) {
     assert(slot < SLT_IN_VARYING && i < BATCH + SLT_PAD);
     if (b->f64) ((double *)b->args.in[slot])[i] = v;
@@ -41,6 +52,15 @@ static inline void batch_set(Batch *b, uint32_t slot, uint32_t i, double v) {
 static inline void batch_set_int(Batch *b, uint32_t slot, uint32_t i, int32_t v) {
     assert(slot < SLT_IN_VARYING && i < BATCH + SLT_PAD);
     ((int32_t *)b->args.in[slot])[i] = v;
+}
+/* Input `slot` of samples i .. i + n - 1, all the same. */
+static inline void batch_set_all(Batch *b, uint32_t slot, uint32_t i, uint32_t n, double v) {
+    const float narrow = (float)v;
+    void *row = batch_row(b, slot, i);
+    if (b->f64)
+        for (uint32_t k = 0; k < n; k++) ((double *)row)[k] = v;
+    else
+        for (uint32_t k = 0; k < n; k++) ((float *)row)[k] = narrow;
 }
 /* Output k of a role, of the kernel that was called last: of all samples (batch_out), or of sample i. */
 static inline const void *batch_out(const Batch *b, SltRole role, uint32_t k) {

@@ -34,10 +34,38 @@ void finder_free(Finder *f) {
     memset(f, 0, sizeof *f);
 }
 
+enum { RADIX_LEAST = 32, RADIX_MOST = 2048 }; /* keys */
+
+/* By bytes, the lowest first, of those in which some keys differ. */
+static void sort_by_bytes(uint64_t *v, uint32_t n, uint64_t differ) {
+    uint64_t other[RADIX_MOST], *from = v, *to = other;
+    for (uint32_t shift = 0; shift < 64; shift += 8) {
+        if (!(differ >> shift & 255)) continue;
+        uint32_t place[256] = {0}, sum = 0;
+        for (uint32_t i = 0; i < n; i++) place[from[i] >> shift & 255]++;
+        for (uint32_t k = 0; k < 256; k++) {
+            const uint32_t count = place[k];
+            place[k] = sum, sum += count;
+        }
+        for (uint32_t i = 0; i < n; i++) to[place[from[i] >> shift & 255]++] = from[i];
+        uint64_t *swap = from;
+        from = to, to = swap;
+    }
+    if (from != v) memcpy(v, from, n * sizeof *v);
+}
+
 void sort_keys(uint64_t *v, uint32_t n) {
-    bool sorted = true;
-    for (uint32_t i = 1; i < n && sorted; i++) sorted = v[i - 1] <= v[i];
+    bool sorted = true, numbered = true; /* numbered: the lower halves are in order already, as most callers' are */
+    uint64_t differ = 0;
+    for (uint32_t i = 1; i < n; i++) {
+        sorted &= v[i - 1] <= v[i], numbered &= (uint32_t)v[i - 1] <= (uint32_t)v[i];
+        differ |= v[i] ^ v[0];
+    }
     if (sorted) return;
+    if (n >= RADIX_LEAST && n <= RADIX_MOST) {
+        sort_by_bytes(v, n, numbered ? differ >> 32 << 32 : differ);
+        return;
+    }
     static const uint32_t gaps[] = {701, 301, 132, 57, 23, 10, 4, 1};
     for (size_t g = 0; g < sizeof gaps / sizeof *gaps; g++)
         for (uint32_t gap = gaps[g], i = gap; i < n; i++) {

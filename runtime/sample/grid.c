@@ -69,7 +69,7 @@ SltStatus grid_init(Grid *g, const SltScene *s, const SltJob *j, SltError *err) 
     memset(g, 0, sizeof *g);
     g->integral = j->integral, g->dim = s->dim, g->filter = j->filter;
     g->radius = j->filter == SLT_FILTER_BOX ? 0.5 : j->filter == SLT_FILTER_TENT ? 1 : GAUSS_RADIUS;
-    g->pixels = 1;
+    g->pixels = 1, g->density = 1;
     if (s->dim < 1 || s->dim > 3 || s->channels < 1 || s->channels > SLT_MAX_CHANNELS)
         return status_fail(err, SLT_INTERNAL, "a scene of %u dimensions and %u channels", s->dim, s->channels);
     for (uint32_t d = 0; d < 3; d++) {
@@ -82,15 +82,18 @@ SltStatus grid_init(Grid *g, const SltScene *s, const SltJob *j, SltError *err) 
         g->side[d] = (g->hi[d] - g->lo[d]) / g->n[d];
         if (g->pixels > (1ull << 40) / g->n[d]) return status_fail(err, SLT_LIMIT, "the image has too many pixels");
         g->pixels *= g->n[d];
+        if (d < s->dim) g->density *= 1 / g->side[d];
     }
     if (!j->integral && j->filter != SLT_FILTER_BOX) {
         for (uint32_t d = 0; d < s->dim; d++) {
-            g->mass[d] = malloc(g->n[d] * sizeof *g->mass[d]);
+            g->mass[d] = malloc(2 * (size_t)g->n[d] * sizeof *g->mass[d]);
             if (!g->mass[d]) return status_fail(err, SLT_LIMIT, "out of memory");
+            g->before[d] = g->mass[d] + g->n[d];
             for (uint32_t p = 0; p < g->n[d]; p++) {
                 double from, to;
                 covered(g, p, d, &from, &to);
-                g->mass[d][p] = cumulative(g->filter, to, g->radius) - cumulative(g->filter, from, g->radius);
+                g->before[d][p] = cumulative(g->filter, from, g->radius);
+                g->mass[d][p] = cumulative(g->filter, to, g->radius) - g->before[d][p];
             }
         }
     }
@@ -98,7 +101,7 @@ SltStatus grid_init(Grid *g, const SltScene *s, const SltJob *j, SltError *err) 
 }
 
 void grid_free(Grid *g) {
-    for (int d = 0; d < 3; d++) free(g->mass[d]), g->mass[d] = NULL;
+    for (int d = 0; d < 3; d++) free(g->mass[d]), g->mass[d] = g->before[d] = NULL;
 }
 
 void grid_into(const Grid *g, const uint32_t from[3], const uint32_t to[3], double x[3]) {
@@ -144,7 +147,7 @@ double grid_share(const Grid *g, uint32_t axis, uint32_t p, double a, double b) 
 double grid_place_filtered(const Grid *g, uint32_t axis, uint32_t p, double u) {
     double from, to;
     covered(g, p, axis, &from, &to);
-    double q = cumulative(g->filter, from, g->radius) + u * g->mass[axis][p];
+    double q = g->before[axis][p] + u * g->mass[axis][p];
     double v = inverse(g->filter, q, g->radius);
     v = v < from ? from : v > to ? to : v;
     return g->lo[axis] + (p + 0.5 + v) * g->side[axis];
@@ -153,10 +156,9 @@ double grid_place_filtered(const Grid *g, uint32_t axis, uint32_t p, double u) {
 void grid_gather(const Grid *g, const float *adjoint, uint32_t channels, const double x[3], double *out) {
     if (g->filter == SLT_FILTER_BOX && !g->integral) {
         uint32_t at[3] = {0};
-        double weight = 1;
-        for (uint32_t d = 0; d < g->dim; d++) at[d] = grid_cell(g, d, x[d]), weight *= 1 / g->side[d];
+        for (uint32_t d = 0; d < g->dim; d++) at[d] = grid_cell(g, d, x[d]);
         const float *a = adjoint + grid_index(g, at[0], at[1], at[2]) * channels;
-        for (uint32_t c = 0; c < channels; c++) out[c] = weight * (double)a[c];
+        for (uint32_t c = 0; c < channels; c++) out[c] = g->density * (double)a[c];
         return;
     }
     uint32_t first[3] = {0}, n[3] = {1, 1, 1};

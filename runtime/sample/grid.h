@@ -12,8 +12,10 @@ typedef struct Grid {
     double lo[3], hi[3], side[3]; /* of the domain; side of a pixel */
     SltFilter filter;
     double radius;   /* of the filter, in pixels */
+    double density;  /* of a box filter: 1 / volume of a pixel */
     double *mass[3]; /* by pixel of the axis: the part of its filter inside the domain; NULL for a box or an integral */
-    uint64_t pixels; /* in all */
+    double *before[3]; /* likewise: the part of its filter's whole range that lies in front of the domain */
+    uint64_t pixels;   /* in all */
 } Grid;
 SltStatus grid_init(Grid *g, const SltScene *s, const SltJob *j, SltError *err);
 void grid_free(Grid *g);

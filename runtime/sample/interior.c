@@ -8,7 +8,7 @@
 
 #include "runtime/geometry/geometry.h"
 #include "runtime/sample/boundary.h"
-#include "runtime/sample/interior.h"
+#include "runtime/sample/walk.h"
 
 enum { INTEGRAL_TILE = 8192, COLUMN = 8 /* pixels across */ };
 
@@ -45,11 +45,6 @@ static void plan(Interior *p, Run *r, uint32_t half, uint32_t side) {
     }
 }
 
-typedef struct TileRect {
-    uint32_t lo[3], n[3];
-    uint64_t pixels;
-} TileRect;
-
 static TileRect rect_of(const Interior *p, uint64_t tile) {
     TileRect t = {.pixels = 1};
     for (uint32_t d = 0; d < 3; d++) {
@@ -72,81 +67,6 @@ static void select_cull(const Interior *p, Worker *w, const TileRect *t) {
     cull_select(&p->run->cull, &w->cull, &w->batch, lo, hi);
 }
 
-/* A walk over the samples of rectangles of pixels, all or those of one coset. */
-typedef struct Walk {
-    const Interior *p;
-    const TileRect *t, *end;
-    uint32_t cls;    /* coset, when p->classes > 1 */
-    uint32_t pixel;  /* in the order of the walk: rectangle by rectangle, row by row upwards */
-    uint32_t sample; /* of the pixel */
-    uint32_t at[3];  /* place of the pixel in the grid */
-    Pattern pattern; /* of the pixel */
-    bool fresh;      /* the pattern is that of the pixel */
-    bool asked;      /* for derivatives: the adjoint of the pixel is not 0 */
-    uint32_t lane_pixel[BATCH];
-} Walk;
-
-/* Sets all but lane_pixel, which is long. */
-static void walk_begin(Walk *k, const Interior *p, const TileRect *t, uint32_t n, uint32_t cls) {
-    k->p = p, k->t = t, k->end = t + n, k->cls = cls;
-    k->pixel = k->sample = 0, k->fresh = false;
-    memcpy(k->at, t->lo, sizeof k->at);
-}
-
-static void next_pixel(Walk *k) {
-    const TileRect *t = k->t;
-    k->pixel++, k->sample = 0, k->fresh = false;
-    for (uint32_t d = 0; d < 3; d++) {
-        if (++k->at[d] < t->lo[d] + t->n[d]) return;
-        k->at[d] = t->lo[d];
-    }
-    if (++k->t < k->end) memcpy(k->at, k->t->lo, sizeof k->at);
-}
-
-static void walk_pattern(Walk *k) {
-    const Run *r = k->p->run;
-    pattern_init(&k->pattern, r->s, r->j->seed, RNG_PIXEL, k->p->half,
-                 grid_index(&r->grid, k->at[0], k->at[1], k->at[2]));
-    k->fresh = true;
-}
-
-/* What no adjoint asks for is not run: where f is NaN, 0 times its derivative would be NaN as well. */
-static bool asked(const Walk *k) {
-    if (!k->p->adjoint) return true;
-    uint32_t channels = k->p->run->s->channels;
-    const float *a = k->p->adjoint + grid_index(&k->p->run->grid, k->at[0], k->at[1], k->at[2]) * channels;
-    for (uint32_t c = 0; c < channels; c++)
-        if (a[c] != 0) return true;
-    return false;
-}
-
-/* Fills up to BATCH lanes with the next samples; 0 at the end. */
-static uint32_t walk_fill(Walk *k, Batch *b) {
-    const Interior *p = k->p;
-    const Grid *g = &p->run->grid;
-    const uint32_t dim = g->dim;
-    const bool rand = p->run->s->uses_rand, centred = p->run->j->centred;
-    uint32_t n = 0;
-    for (; n < BATCH && k->t < k->end; ++k->sample < p->count ? (void)0 : next_pixel(k)) {
-        if (!k->sample) k->asked = asked(k);
-        if (!k->asked) continue;
-        uint32_t set = k->at[0] + 2 * k->at[1] + k->at[2] + (p->parts_of.pairs ? 0 : k->sample);
-        if (p->classes > 1 && (set & (COSETS - 1)) != k->cls) continue;
-        if (!k->fresh && (rand || !centred)) walk_pattern(k);
-        for (uint32_t d = 0; d < dim; d++)
-            batch_set(b, SLT_IN_X0 + d, n,
-                      centred ? grid_middle(g, d, k->at[d])
-                              : grid_place(g, d, k->at[d], pattern_at(&k->pattern, d, k->sample)));
-        batch_set_int(b, SLT_IN_PIXEL0, n, (int32_t)k->at[0]);
-        batch_set_int(b, SLT_IN_PIXEL1, n, (int32_t)(g->n[1] - 1 - k->at[1]));
-        batch_set_int(b, SLT_IN_SAMPLE, n, (int32_t)k->sample);
-        if (rand)
-            batch_set_stream(b, n, pattern_stream(&k->pattern, k->sample), pattern_at(&k->pattern, dim, k->sample));
-        k->lane_pixel[n++] = k->pixel;
-    }
-    return n;
-}
-
 /* Where in an image a pixel of the tile is, given by its number in the walk. A tile has few pixels, and divisions of 32
  * bits are several times cheaper. */
 static uint64_t image_index(const Interior *p, const TileRect *t, uint32_t pixel) {
@@ -165,39 +85,72 @@ typedef struct Rows {
         float *to;
         uint32_t n;
     } at[BATCH];
+    /* what grid_middle is to fill.h */
+    uint64_t start[BATCH + FILL_OVER];
+    int32_t cell[BATCH + FILL_OVER];
 } Rows;
 
 static uint32_t fill_rows(const Interior *p, Batch *b, Rows *k) {
     const Grid *g = &p->run->grid;
+    const FillAxis across = {.lo = g->lo[0], .side = g->side[0], .f64 = b->f64};
     uint32_t lanes = 0;
     for (k->n = 0; k->t < k->end && lanes + k->t->n[0] <= BATCH; k->n++) {
         const TileRect *t = k->t;
         uint32_t y = t->lo[1] + k->row % t->n[1], z = t->lo[2] + k->row / t->n[1];
-        double middle[3] = {0, grid_middle(g, 1, y), grid_middle(g, 2, z)};
+        const double middle[3] = {0, grid_middle(g, 1, y), grid_middle(g, 2, z)};
         k->at[k->n].to = p->image + grid_index(g, t->lo[0], y, z) * p->run->s->channels, k->at[k->n].n = t->n[0];
-        for (uint32_t x = t->lo[0]; x < t->lo[0] + t->n[0]; x++, lanes++) {
-            batch_set(b, SLT_IN_X0, lanes, grid_middle(g, 0, x));
-            for (uint32_t d = 1; d < g->dim; d++) batch_set(b, SLT_IN_X0 + d, lanes, middle[d]);
-            batch_set_int(b, SLT_IN_PIXEL0, lanes, (int32_t)x);
-            batch_set_int(b, SLT_IN_PIXEL1, lanes, (int32_t)(g->n[1] - 1 - y));
-        }
+        for (uint32_t i = 0; i < t->n[0]; i++) k->cell[i] = (int32_t)(t->lo[0] + i);
+        b->fill->place(&across, t->n[0], NULL, k->start, k->cell, batch_row(b, SLT_IN_X0, lanes));
+        for (uint32_t d = 1; d < g->dim; d++) batch_set_all(b, SLT_IN_X0 + d, lanes, t->n[0], middle[d]);
+        if (batch_wants(b, SLT_IN_PIXEL0))
+            memcpy(batch_row_int(b, SLT_IN_PIXEL0, lanes), k->cell, t->n[0] * sizeof *k->cell);
+        if (batch_wants(b, SLT_IN_PIXEL1))
+            for (uint32_t i = 0; i < t->n[0]; i++)
+                batch_set_int(b, SLT_IN_PIXEL1, lanes + i, (int32_t)(g->n[1] - 1 - y));
+        lanes += t->n[0];
         if (++k->row == t->n[1] * t->n[2]) k->t++, k->row = 0;
     }
     return lanes;
 }
 
+static void put_row(float *to, uint32_t channels, const double *f, uint32_t n) {
+    for (uint32_t x = 0; x < n; x++) to[x * channels] = (float)f[x];
+}
+
+static void put_row_f32(float *to, uint32_t channels, const float *f, uint32_t n) {
+    if (channels == 1)
+        for (uint32_t x = 0; x < n; x++) to[x] = f[x];
+    else
+        for (uint32_t x = 0; x < n; x++) to[x * channels] = f[x];
+}
+
 static void middle_samples(const Interior *p, Worker *w, SltKernelKind kernel, const TileRect *t, uint32_t rects) {
     Batch *b = &w->batch;
-    uint32_t channels = p->run->s->channels, n;
+    uint32_t channels = p->run->s->channels, widest = 0, n;
     Rows k; /* `at` is long, and fill_rows sets it */
     k.t = t, k.end = t + rects, k.row = 0;
-    assert(t->n[0] <= BATCH);
+    for (uint32_t r = 0; r < rects; r++) widest = t[r].n[0] > widest ? t[r].n[0] : widest;
+    assert(widest <= BATCH);
+    for (uint32_t i = 0; i < widest + FILL_OVER; i++) k.start[i] = 1ull << 63;
     while ((n = fill_rows(p, b, &k))) {
         batch_call(b, kernel, n);
-        for (uint32_t c = 0; c < channels; c++)
-            for (uint32_t r = 0, i = 0; r < k.n; r++)
-                for (uint32_t x = 0; x < k.at[r].n; x++)
-                    k.at[r].to[x * channels + c] = (float)batch_get(b, SLT_OUT_F, c, i++);
+        for (uint32_t c = 0; c < channels; c++) {
+            const void *f = batch_out(b, SLT_OUT_F, c);
+            for (uint32_t r = 0, i = 0; r < k.n; i += k.at[r++].n)
+                if (b->f64) put_row(k.at[r].to + c, channels, (const double *)f + i, k.at[r].n);
+                else put_row_f32(k.at[r].to + c, channels, (const float *)f + i, k.at[r].n);
+        }
+    }
+}
+
+/* Adds the outputs of a batch to the pixels of its runs, which follow one another. */
+static void add_samples(const Walk *k, const Batch *b, SltRole role, double *value) {
+    const uint32_t channels = b->s->channels, *count = k->single ? NULL : k->count;
+    for (uint32_t c = 0; c < channels; c++) {
+        const void *f = batch_out(b, role, c);
+        double *to = value + (uint64_t)k->first_pixel * channels + c;
+        if (b->f64) b->fill->sum_f64(f, k->runs, count, to, channels);
+        else b->fill->sum_f32(f, k->runs, count, to, channels);
     }
 }
 
@@ -214,16 +167,12 @@ static bool value_samples(Interior *p, Worker *w, SltKernelKind kernel, const Ti
     Walk k;
     for (walk_begin(&k, p, t, rects, 0); (n = walk_fill(&k, b));) {
         batch_call(b, kernel, n);
-        for (uint32_t c = 0; c < channels; c++)
-            for (uint32_t i = 0; i < n; i++)
-                w->value[(uint64_t)k.lane_pixel[i] * channels + c] += batch_get(b, SLT_OUT_F, c, i);
+        add_samples(&k, b, SLT_OUT_F, w->value);
     }
     const double *v = w->value;
     for (; rects--; t++)
-        for (uint32_t row = 0; row < t->n[1] * t->n[2]; row++) {
-            float *o = p->image + image_index(p, t, row * t->n[0]) * channels;
-            for (uint32_t i = 0; i < t->n[0] * channels; i++) *o++ = (float)(*v++ / p->count);
-        }
+        for (uint32_t row = 0; row < t->n[1] * t->n[2]; row++, v += t->n[0] * channels)
+            b->fill->mean(v, t->n[0] * channels, p->count, p->image + image_index(p, t, row * t->n[0]) * channels);
     return true;
 }
 
@@ -313,20 +262,28 @@ SltStatus interior_image(Run *r, uint32_t half, float *image) {
 }
 
 /* ---- reverse */
+/* Of channel c: the adjoint of its pixel, each sample's part of it. */
+static void set_seeds(const Walk *k, Batch *b, uint32_t c, double part) {
+    const uint32_t channels = b->s->channels;
+    const float *a = k->p->adjoint + c;
+    void *seed = batch_row(b, SLT_IN_SEED0 + c, 0);
+    if (b->f64) {
+        for (uint32_t r = 0, i = 0; r < k->runs; r++)
+            for (uint32_t n = k->count[r]; n--; i++) ((double *)seed)[i] = part * (double)a[k->owner[r] * channels];
+        return;
+    }
+    float value[BATCH + FILL_OVER];
+    for (uint32_t r = 0; r < k->runs; r++) value[r] = (float)(part * (double)a[k->owner[r] * channels]);
+    b->fill->spread(k->runs, k->count, value, 0, seed);
+}
+
 static void reverse_samples(const Interior *p, Worker *w, const TileRect *t, double factor, uint32_t half) {
     Batch *b = &w->batch;
     uint32_t channels = p->run->s->channels, n;
     for (uint32_t cls = 0; cls < p->classes; cls++) {
         Walk k;
         for (walk_begin(&k, p, t, 1, cls); (n = walk_fill(&k, b));) {
-            uint32_t last = UINT32_MAX;
-            const float *a = NULL;
-            for (uint32_t i = 0; i < n; i++) {
-                if (k.lane_pixel[i] != last)
-                    last = k.lane_pixel[i], a = p->adjoint + image_index(p, t, last) * channels;
-                for (uint32_t c = 0; c < channels; c++)
-                    batch_set(b, SLT_IN_SEED0 + c, i, factor / p->count * (double)a[c]);
-            }
+            for (uint32_t c = 0; c < channels; c++) set_seeds(&k, b, c, factor / p->count);
             accum_call(&w->acc, b, SLT_K_VJP, n, p->parts_of.pairs ? 2 * cls + half : cls);
         }
     }
@@ -415,10 +372,7 @@ static bool forward_work(void *user, uint32_t worker, uint64_t tile) {
             b->args.dparams = p->dirs->flt[d];
             b->again = d > 0;
             batch_call(b, SLT_K_JVP, n);
-            double *v = w->value + d * plane;
-            for (uint32_t c = 0; c < channels; c++)
-                for (uint32_t i = 0; i < n; i++)
-                    v[(uint64_t)k.lane_pixel[i] * channels + c] += batch_get(b, SLT_OUT_DF, c, i);
+            add_samples(&k, b, SLT_OUT_DF, w->value + d * plane);
         }
     for (uint32_t d = 0; d < p->dirs->n; d++)
         for (uint32_t i = 0; i < t.pixels; i++) {
@@ -454,7 +408,6 @@ static bool total_work(void *user, uint32_t worker, uint64_t tile) {
     Total *p = user;
     Worker *w = &p->run->worker[worker];
     Batch *b = &w->batch;
-    const Grid *g = &p->run->grid;
     const SltScene *s = p->run->s;
     uint64_t from = tile * INTEGRAL_TILE, to = from + INTEGRAL_TILE < p->samples ? from + INTEGRAL_TILE : p->samples;
     double weight[BATCH];
@@ -465,13 +418,8 @@ static bool total_work(void *user, uint32_t worker, uint64_t tile) {
     if (tails && !tails_begin(p->tails, &w->tail, INTEGRAL_TILE / TAIL_CALL)) return false;
     for (uint64_t at = from; at < to;) {
         uint32_t n = to - at < call ? (uint32_t)(to - at) : call;
-        for (uint32_t i = 0; i < n; i++, at++) {
-            for (uint32_t d = 0; d < g->dim; d++)
-                batch_set(b, SLT_IN_X0 + d, i, grid_place(g, d, 0, pattern_at(&p->pattern, d, at)));
-            batch_set_int(b, SLT_IN_SAMPLE, i, (int32_t)at);
-            if (s->uses_rand)
-                batch_set_stream(b, i, pattern_stream(&p->pattern, at), pattern_at(&p->pattern, g->dim, at));
-        }
+        walk_integral(b, &p->pattern, at, n);
+        at += n;
         if (!p->gradient) {
             batch_call(b, SLT_K_VALUE, n);
             for (uint32_t c = 0; c < s->channels; c++)

@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "runtime/sample/alloc.h"
+#include "runtime/sample/ask.h"
 #include "runtime/sample/boundary.h"
 #include "runtime/sample/depth.h"
 #include "runtime/sample/near.h"
@@ -130,8 +131,12 @@ static double tile_threshold(const Worker *w, const Span *sp, uint32_t axis) {
 /* Segments of one line of the tile along `axis`; `first`: index of the line's vertex 0. */
 static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uint64_t first, double threshold,
                  Segment *s) {
-    Boundary *y = l->y;
     uint64_t stride = sp->stride[axis];
+    w->finder.segments += sp->e1[axis] - sp->e0[axis];
+    if (!(w->ask[first] & (ASK_LINE_EDGE | ASK_LINE_NEAR))) {
+        finder_run(&w->finder, false);
+        return;
+    }
     const uint32_t *hash = w->hash + first;
     const double *depth = w->depth ? w->depth + first : NULL;
     const double *pos = sp->pos[axis];
@@ -144,11 +149,11 @@ static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uin
                  .to = sp->e1[axis] - sp->v0[axis],
                  .at_start = sp->v0[axis] == 0,
                  .at_end = sp->v0[axis] + sp->vn[axis] == l->n[axis] + 2,
-                 .threshold = threshold};
+                 .threshold = threshold,
+                 .ask = w->ask};
     if (w->follow) memset(searched, 0, sp->vn[axis] * sizeof *searched);
-    w->finder.segments += sp->e1[axis] - sp->e0[axis];
-    for (uint32_t e = sp->e0[axis]; e < sp->e1[axis]; e++) {
-        uint32_t v = e - sp->v0[axis];
+    for (uint32_t v = line.from; v < line.to; v++) {
+        if (!(w->ask[first + v * stride] & ASK_EDGE)) continue;
         uint32_t ha = hash[v * stride], hb = hash[(v + 1) * stride];
         double da = 0, db = 0, own = threshold;
         if (depth) {
@@ -168,7 +173,7 @@ static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uin
     }
     if (w->follow && !w->finder.proves)
         follow_line(w->follow, axis, (uint32_t)(first / sp->stride[1 - axis]), searched);
-    if (scene_outputs(y->run->s, SLT_K_REGION, SLT_OUT_NEAR_SITE)) {
+    if (w->ask[first] & ASK_LINE_NEAR) {
         s->thin = 0, s->narrow = true;
         near_probe(w, &line, s);
     }
@@ -201,6 +206,16 @@ double stratified_shift(double u, uint32_t r, uint32_t n, uint32_t d) {
     }
     double s = u + (double)place / n;
     return s - floor(s);
+}
+
+static AskTile ask_tile(const Lattice *l, const Span *sp) {
+    AskTile t;
+    for (uint32_t d = 0; d < 3; d++) {
+        t.n[d] = sp->vn[d], t.from[d] = sp->e0[d] - sp->v0[d], t.to[d] = sp->e1[d] - sp->v0[d],
+        t.stride[d] = sp->stride[d];
+        t.at_start[d] = sp->v0[d] == 0, t.at_end[d] = sp->v0[d] + sp->vn[d] == l->n[d] + 2;
+    }
+    return t;
 }
 
 static FollowTile follow_tile(const Lattice *l, const Span *sp) {
@@ -310,6 +325,7 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
     w->finder.proves = tile_proves(l, w, &sp);
     if (w->finder.proves) settle_blocks(w, &sp);
     w->finder.prove_classes = y->run->grid.integral;
+    const AskTile ask = ask_tile(l, &sp);
     FollowTile follow;
     if (w->follow) {
         follow = follow_tile(l, &sp);
@@ -321,6 +337,7 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
         uint32_t a = axis == 0 ? 1 : 0, b = axis == 2 ? 1 : 2, from[3] = {0}, to[3] = {1, 1, 1};
         double threshold = scene_outputs(s, SLT_K_REGION, SLT_OUT_DEPTH) ? tile_threshold(w, &sp, axis) : HUGE_VAL;
         if (w->follow) follow.threshold[axis] = l->threshold[tile][axis] = threshold;
+        ask_edges(w, &ask, axis, threshold);
         for (uint32_t d = 0; d < s->dim; d++) {
             from[d] = sp.e0[d] > 1 ? sp.e0[d] : 1;
             to[d] = sp.e1[d] < l->n[d] + 1 ? sp.e1[d] : l->n[d] + 1;

@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "runtime/sample/alloc.h"
+#include "runtime/sample/ask.h"
 #include "runtime/sample/depth.h"
 #include "runtime/sample/near.h"
 
@@ -70,6 +71,7 @@ void near_probe(Worker *w, const Line *l, const Segment *like) {
     uint32_t loops = scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_NEAR_K);
     for (uint32_t e = l->from; e < l->to && e + 1 < l->n; e++) {
         uint64_t v = l->first + e * l->stride, v1 = v + l->stride;
+        if (l->ask && !(l->ask[v] & ASK_NEAR)) continue;
         uint32_t key = w->near_key[v];
         if (w->near_key[v1] != key || w->hash[v] != w->hash[v1] || w->near_event[v] < 0) continue;
         if (worker_faces_differ(w, v, v1)) continue;

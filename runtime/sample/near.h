@@ -11,6 +11,7 @@ typedef struct Line {
     uint32_t from, to;      /* edges [from, to) to be probed: edge e joins vertices e and e+1 */
     bool at_start, at_end;  /* vertex 0 / n-1 ends the line: one-sided gradients there */
     double threshold;       /* of depths: edges whose ends differ by more are searched already */
+    const uint8_t *ask;     /* ask.h: only edges with ASK_NEAR can be candidates; NULL: not known */
     uint64_t runs;          /* thin.h: added to the numbers of vertices, where several nets are collected together */
 } Line;
 /* Collects candidates among the edges of a line. `like` is a segment of it with all but ta, tb, marks and threshold;

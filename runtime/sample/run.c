@@ -81,7 +81,7 @@ void run_free_workers(Run *r) {
         Worker *w = &r->worker[i];
         batch_free(&w->batch), accum_free(&w->acc), finder_free(&w->finder), sink_free(&w->sink),
             cull_lists_free(&w->cull, &r->cull), prune_free(&w->pruner);
-        free(w->hash), free(w->face), free(w->settled), free(w->depth), free(w->witness), free(w->near_g),
+        free(w->hash), free(w->face), free(w->settled), free(w->ask), free(w->depth), free(w->witness), free(w->near_g),
             free(w->near_key), free(w->near_event), free(w->value), free(w->probes), follow_free(w->follow),
             tails_free_tile(&w->tail);
     }
@@ -134,13 +134,14 @@ void run_forget_few(Run *r) {
 
 bool worker_vertices(Worker *w, uint64_t n) {
     if (n <= w->vertex_cap) return true;
-    free(w->hash), free(w->face), free(w->settled), free(w->depth), free(w->witness), free(w->near_g),
+    free(w->hash), free(w->face), free(w->settled), free(w->ask), free(w->depth), free(w->witness), free(w->near_g),
         free(w->near_key), free(w->near_event);
     w->face = NULL, w->depth = NULL, w->witness = NULL, w->near_g = NULL, w->near_key = NULL, w->near_event = NULL;
     w->vertex_cap = n;
     w->hash = malloc(n * sizeof *w->hash);
     w->settled = malloc(n);
-    bool ok = w->hash && w->settled;
+    w->ask = malloc(n);
+    bool ok = w->hash && w->settled && w->ask;
     if (scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_DEPTH)) ok &= (w->depth = malloc(n * sizeof *w->depth)) != NULL;
     if (scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_FACE)) ok &= (w->face = malloc(n * sizeof *w->face)) != NULL;
     uint32_t nwitness = scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_WITNESS);

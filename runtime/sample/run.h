@@ -27,6 +27,7 @@ struct Worker {
     uint32_t *near_key;  /* a hash that tells nearest events apart */
     int32_t *near_event; /* [1 + SLT_MAX_K][vertex_cap]: site and loop indices of the nearest event */
     uint8_t *settled;    /* bits (1 << axis): nothing can jump on the edge that starts here */
+    uint8_t *ask;        /* ask.h */
     uint64_t vertex_cap; /* vertices that there is room for */
     double *value;       /* pixels or sums of the tile */
     uint64_t value_cap;

@@ -41,13 +41,12 @@ void splat_free(Splat *p) {
 static void add_to_one(Splat *p, uint32_t plane, const double x[3], const double *value) {
     const Grid *g = p->grid;
     uint64_t at[3] = {0};
-    double w[3] = {1, 1, 1};
     for (uint32_t d = 0; d < g->dim; d++) {
-        at[d] = (uint64_t)grid_cell(g, d, x[d]) - p->lo[d], w[d] = 1 / g->side[d];
+        at[d] = (uint64_t)grid_cell(g, d, x[d]) - p->lo[d];
         if (at[d] >= p->n[d]) return;
     }
     double *to = p->value + (plane * pixels_of(p) + (at[2] * p->n[1] + at[1]) * p->n[0] + at[0]) * p->channels;
-    for (uint32_t c = 0; c < p->channels; c++) to[c] += w[0] * w[1] * w[2] * value[c];
+    for (uint32_t c = 0; c < p->channels; c++) to[c] += g->density * value[c];
 }
 
 void splat_add(Splat *p, uint32_t plane, const double x[3], const double *value) {

@@ -1,0 +1,225 @@
+/* fill.h in vectors of as many 64-bit lanes as the instruction set has. Every operation rounds as IEEE says, and
+ * nothing is fused, so all instruction sets agree. */
+#include <math.h>
+#include <string.h>
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
+
+#include "runtime/sample/fill.h"
+
+#if defined(__AVX512DQ__)
+enum { LANES = 8 };
+#elif defined(__AVX2__)
+enum { LANES = 4 };
+#else
+enum { LANES = 2 };
+#endif
+#define INLINE static inline __attribute__((always_inline, unused))
+
+typedef uint64_t U __attribute__((vector_size(8 * LANES)));
+typedef int64_t L __attribute__((vector_size(8 * LANES)));
+typedef double D __attribute__((vector_size(8 * LANES)));
+typedef float F __attribute__((vector_size(4 * LANES)));
+typedef uint32_t W __attribute__((vector_size(4 * LANES)));
+typedef int32_t I __attribute__((vector_size(4 * LANES)));
+
+#define LOAD(T, from)                                                                                                  \
+    ({                                                                                                                 \
+        T v_;                                                                                                          \
+        memcpy(&v_, (from), sizeof v_);                                                                                \
+        v_;                                                                                                            \
+    })
+
+INLINE D all(double x) { return x - (D){0}; }
+INLINE U ramp(uint64_t step) {
+    U v;
+    for (int i = 0; i < LANES; i++) v[i] = (uint64_t)i * step;
+    return v;
+}
+
+/* Of the lower halves. */
+INLINE U product(U a, uint32_t m) {
+#if defined(__AVX512DQ__)
+    return (U)_mm512_mul_epu32((__m512i)a, _mm512_set1_epi64(m));
+#elif defined(__AVX2__)
+    return (U)_mm256_mul_epu32((__m256i)a, _mm256_set1_epi64x(m));
+#elif defined(__SSE2__)
+    return (U)_mm_mul_epu32((__m128i)a, _mm_set1_epi64x(m));
+#else
+    return (a & 0xffffffffu) * m;
+#endif
+}
+
+/* Philox 4x32-10: words in the lower halves of lanes, whatever is in the upper ones. */
+static void blocks(uint32_t seed, uint32_t purpose, uint32_t n, const uint32_t *lane, const uint64_t *counter,
+                   uint64_t *const words[2]) {
+    enum { ROUNDS = 10 };
+    const uint32_t m0 = 0xD2511F53u, m1 = 0xCD9E8D57u, w0 = 0x9E3779B9u, w1 = 0xBB67AE85u;
+    for (uint32_t i = 0; i < n; i += LANES) {
+        U a = LOAD(U, counter + i), b = a >> 32, c = __builtin_convertvector(LOAD(W, lane + i), U), d = {0};
+        uint32_t k0 = seed, k1 = purpose;
+        for (int round = 0; round < ROUNDS; round++, k0 += w0, k1 += w1) {
+            U p = product(a, m0), q = product(c, m1);
+            a = q >> 32 ^ b ^ k0, c = p >> 32 ^ d ^ k1;
+            b = q, d = p;
+        }
+        const U low = (a & 0xffffffffu) | b << 32, high = (c & 0xffffffffu) | d << 32;
+        memcpy(words[0] + i, &low, sizeof low), memcpy(words[1] + i, &high, sizeof high);
+    }
+}
+
+/* The upper 53 bits as a fraction. */
+INLINE D unit(U v) {
+#if defined(__AVX512DQ__)
+    return __builtin_convertvector(v >> 11, D) * 0x1p-53;
+#else
+    /* As mantissas of 2^20 + a and 0.5 + b: nothing here rounds. */
+    const D a = (D)(v >> 32 | 0x4130000000000000u), b = (D)((v >> 11 & 0x1fffffu) | 0x3fe0000000000000u);
+    return (a - 0x1p20) + (b - 0.5);
+#endif
+}
+
+INLINE D either(L mask, D a, D b) { return (D)((mask & (L)a) | (~mask & (L)b)); }
+INLINE D root(D x) {
+    D r;
+    for (int i = 0; i < LANES; i++) r[i] = sqrt(x[i]);
+    return r;
+}
+
+/* grid_place_filtered of a tent, in pixels from the middle of the pixel. */
+INLINE D in_tent(const FillAxis *t, D u, D p, D before, D mass) {
+    const D middle = p + 0.5, from = either(-middle > -1.0, -middle, all(-1)),
+            to = either((double)t->n - middle < 1.0, (double)t->n - middle, all(1)), q = before + u * mass;
+    const L left = q < 0.5;
+    const D r = root(either(left, 2 * q, 2 * (1 - q))), v = either(left, r - 1, 1 - r);
+    return either(v < from, from, either(v > to, to, v));
+}
+
+INLINE void put(bool f64, D x, void *to, uint32_t at) {
+    if (f64) {
+        memcpy((double *)to + at, &x, sizeof x);
+    } else {
+        const F narrow = __builtin_convertvector(x, F);
+        memcpy((float *)to + at, &narrow, sizeof narrow);
+    }
+}
+
+INLINE void place_as(const FillAxis *given, bool tent, bool f64, uint32_t runs, const uint32_t *count,
+                     const uint64_t *start, const int32_t *cell, void *x) {
+    const FillAxis a = *given;
+    if (!count) {
+        for (uint32_t r = 0; r < runs; r += LANES) {
+            const D u = unit(LOAD(U, start + r)), p = __builtin_convertvector(LOAD(I, cell + r), D);
+            D before = {0}, mass = {0};
+            for (int i = 0; tent && i < LANES; i++) {
+                const uint32_t at = r + (uint32_t)i < runs ? (uint32_t)cell[r + (uint32_t)i] : 0;
+                before[i] = a.before[at], mass[i] = a.mass[at];
+            }
+            const D v = tent ? p + 0.5 + in_tent(&a, u, p, before, mass) : p + u;
+            put(f64, a.lo + v * a.side, x, r);
+        }
+        return;
+    }
+    const U first = ramp(a.step);
+    const uint64_t step = LANES * a.step;
+    for (uint32_t r = 0, at = 0; r < runs; at += count[r++]) {
+        const D p = all((double)cell[r]), before = all(tent ? a.before[cell[r]] : 0),
+                mass = all(tent ? a.mass[cell[r]] : 0);
+        U s = start[r] + first;
+        for (uint32_t i = 0; i < count[r]; i += LANES, s += step) {
+            const D v = tent ? p + 0.5 + in_tent(&a, unit(s), p, before, mass) : p + unit(s);
+            put(f64, a.lo + v * a.side, x, at + i);
+        }
+    }
+}
+
+static void place(const FillAxis *a, uint32_t runs, const uint32_t *count, const uint64_t *start, const int32_t *cell,
+                  void *x) {
+    if (a->tent && a->f64) place_as(a, true, true, runs, count, start, cell, x);
+    else if (a->tent) place_as(a, true, false, runs, count, start, cell, x);
+    else if (a->f64) place_as(a, false, true, runs, count, start, cell, x);
+    else place_as(a, false, false, runs, count, start, cell, x);
+}
+
+static void spread(uint32_t runs, const uint32_t *count, const void *values, uint32_t step, void *words) {
+    const unsigned char *value = values;
+    uint32_t *to = words;
+    typedef uint32_t V __attribute__((vector_size(8 * LANES)));
+    V first;
+    for (uint32_t i = 0; i < 2 * LANES; i++) first[i] = i * step;
+    for (uint32_t r = 0; r < runs; to += count[r++]) {
+        uint32_t word;
+        memcpy(&word, value + r * sizeof word, sizeof word);
+        V v = word + first;
+        for (uint32_t i = 0; i < count[r]; i += 2 * LANES, v += 2 * LANES * step) memcpy(to + i, &v, sizeof v);
+    }
+}
+
+#define SUM_SINGLE(name, T)                                                                                            \
+    static void name(const T *f, uint32_t runs, double *to, uint32_t stride) {                                        \
+        if (stride == 1)                                                                                               \
+            for (uint32_t r = 0; r < runs; r++) to[r] += (double)f[r];                                                 \
+        else                                                                                                           \
+            for (uint32_t r = 0; r < runs; r++) to[(uint64_t)r * stride] += (double)f[r];                              \
+    }
+SUM_SINGLE(sum_single_f32, float)
+SUM_SINGLE(sum_single_f64, double)
+
+typedef float F4 __attribute__((vector_size(16)));
+typedef double D4 __attribute__((vector_size(32)));
+
+/* Of four runs at a time, one a lane: each is a chain of additions that wait for each other. */
+static void sum_f32(const float *f, uint32_t runs, const uint32_t *count, double *to, uint32_t stride) {
+    enum { RUNS = 4 };
+    uint32_t r = 0;
+    if (!count) {
+        sum_single_f32(f, runs, to, stride);
+        return;
+    }
+    while (r < runs) {
+        const uint32_t n = count[r];
+        if (n >= RUNS && r + RUNS <= runs && count[r + 1] == n && count[r + 2] == n && count[r + 3] == n) {
+            D4 sum = {to[0], to[stride], to[2 * stride], to[3 * stride]};
+            uint32_t i = 0;
+            for (; i + RUNS <= n; i += RUNS) {
+                const F4 a = LOAD(F4, f + i), b = LOAD(F4, f + n + i), c = LOAD(F4, f + 2 * n + i),
+                         d = LOAD(F4, f + 3 * n + i);
+                const F4 ab = __builtin_shufflevector(a, b, 0, 4, 1, 5), cd = __builtin_shufflevector(c, d, 0, 4, 1, 5);
+                const F4 ba = __builtin_shufflevector(a, b, 2, 6, 3, 7), dc = __builtin_shufflevector(c, d, 2, 6, 3, 7);
+                sum += __builtin_convertvector(__builtin_shufflevector(ab, cd, 0, 1, 4, 5), D4);
+                sum += __builtin_convertvector(__builtin_shufflevector(ab, cd, 2, 3, 6, 7), D4);
+                sum += __builtin_convertvector(__builtin_shufflevector(ba, dc, 0, 1, 4, 5), D4);
+                sum += __builtin_convertvector(__builtin_shufflevector(ba, dc, 2, 3, 6, 7), D4);
+            }
+            for (; i < n; i++) sum += __builtin_convertvector((F4){f[i], f[n + i], f[2 * n + i], f[3 * n + i]}, D4);
+            for (uint32_t k = 0; k < RUNS; k++) to[k * stride] = sum[k];
+            f += RUNS * n, to += RUNS * stride, r += RUNS;
+            continue;
+        }
+        double sum = *to;
+        for (uint32_t i = 0; i < n; i++) sum += (double)f[i];
+        *to = sum, f += n, to += stride, r++;
+    }
+}
+
+static void sum_f64(const double *f, uint32_t runs, const uint32_t *count, double *to, uint32_t stride) {
+    if (!count) {
+        sum_single_f64(f, runs, to, stride);
+        return;
+    }
+    for (uint32_t r = 0; r < runs; f += count[r++], to += stride) {
+        double sum = *to;
+        for (uint32_t i = 0; i < count[r]; i++) sum += f[i];
+        *to = sum;
+    }
+}
+
+/* Of a power of two the reciprocal is exact, and so is what a product with it rounds to. */
+static void mean(const double *sum, uint64_t n, uint32_t count, float *to) {
+    const double by = count, part = 1 / by;
+    if (count & (count - 1))
+        for (uint64_t i = 0; i < n; i++) to[i] = (float)(sum[i] / by);
+    else
+        for (uint64_t i = 0; i < n; i++) to[i] = (float)(sum[i] * part);
+}

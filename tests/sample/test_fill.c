@@ -1,0 +1,234 @@
+/* Samples that vectors make have the bits of those that are made one by one, whatever the instruction set. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "layouts.h"
+#include "runtime/sample/walk.h"
+
+static uint32_t state;
+static uint32_t word(void) { return state = state * 1664525u + 1013904223u, state ^ state >> 15; }
+static uint64_t words(void) { return (uint64_t)word() << 32 | word(); }
+
+enum { MOST = 300, ROOM = 8 * MOST + FILL_OVER };
+
+typedef void Check(const Fill *f);
+static void for_all(Check *check) {
+    const Fill *all[3];
+    for (uint32_t n = fill_all(all); n--;) state = 1, check(all[n]);
+}
+
+/* ---- words */
+static void check_blocks(const Fill *f) {
+    uint32_t lane[MOST + FILL_OVER] = {0}, want[4];
+    uint64_t counter[MOST + FILL_OVER] = {0}, low[MOST + FILL_OVER], high[MOST + FILL_OVER];
+    for (uint32_t n = 1; n <= MOST; n += 1 + n / 2) {
+        uint32_t seed = word(), purpose = word() % 11;
+        for (uint32_t i = 0; i < n; i++) lane[i] = i % 3 ? word() : 0, counter[i] = i % 2 ? words() : i;
+        f->blocks(seed, purpose, n, lane, counter, (uint64_t *const[]){low, high});
+        for (uint32_t i = 0; i < n; i++) {
+            rng_block(seed, (RngPurpose)purpose, lane[i], counter[i], want);
+            assert_int_equal(low[i], want[0] | (uint64_t)want[1] << 32);
+            assert_int_equal(high[i], want[2] | (uint64_t)want[3] << 32);
+        }
+    }
+}
+static void test_blocks(void **unused) { (void)unused, for_all(check_blocks); }
+
+static void check_streams(const Fill *f) {
+    SltScene s = {.dim = 2, .uses_rand = true};
+    for (uint32_t stride = 1; stride <= 4; stride += 3)
+        for (uint32_t most = 1; most <= 20; most++) {
+            Pattern p[9];
+            uint32_t count[9];
+            uint64_t owner[9], first[9];
+            int32_t to[9 * 20];
+            const FillStreams of = {.seed = word(), .lane = word() % 3, .stride = stride, .purpose = RNG_PIXEL};
+            for (int r = 0; r < 9; r++) {
+                owner[r] = words() >> 24, first[r] = r % 2 ? word() % 9 : 0, count[r] = 1 + word() % most;
+                if (r == 8) first[r] = words() >> 20;
+                pattern_init(&p[r], &s, of.seed, of.purpose, of.lane, owner[r]);
+            }
+            fill_streams(f, &of, 9, count, owner, first, to);
+            for (int r = 0, at = 0; r < 9; r++)
+                for (uint32_t i = 0; i < count[r]; i++)
+                    assert_int_equal(to[at++], pattern_stream(&p[r], first[r] + i * stride));
+        }
+}
+static void test_streams(void **unused) { (void)unused, for_all(check_streams); }
+
+/* ---- rows */
+static void check_spread(const Fill *f) {
+    uint32_t count[MOST], value[MOST], to[ROOM];
+    for (uint32_t most = 1; most <= 8; most++) {
+        uint32_t step = most % 3;
+        for (int r = 0; r < MOST; r++) count[r] = 1 + word() % most, value[r] = word();
+        f->spread(MOST, count, value, step, to);
+        for (uint32_t r = 0, at = 0; r < MOST; r++)
+            for (uint32_t i = 0; i < count[r]; i++) assert_int_equal(to[at++], value[r] + i * step);
+    }
+}
+static void test_spread(void **unused) { (void)unused, for_all(check_spread); }
+
+/* Most runs are as long as those beside them. */
+static void check_sums(const Fill *f) {
+    static float narrow[40 * MOST];
+    static double wide[40 * MOST];
+    uint32_t count[MOST];
+    double want[3 * MOST], sum[3 * MOST], other[3 * MOST];
+    for (int i = 0; i < 40 * MOST; i++) wide[i] = narrow[i] = (float)ldexp((int32_t)word(), (int)(word() % 60) - 60);
+    for (uint32_t most = 1; most < 40; most++) {
+        for (int r = 0; r < MOST; r++) count[r] = word() % 16 ? most : 1 + word() % most;
+        for (int i = 0; i < 3 * MOST; i++) want[i] = sum[i] = other[i] = i % 2 ? 0 : (int32_t)word();
+        for (uint32_t r = 0, at = 0; r < MOST; r++)
+            for (uint32_t i = 0; i < count[r]; i++) want[3 * r] += wide[at++];
+        f->sum_f32(narrow, MOST, count, sum, 3), f->sum_f64(wide, MOST, count, other, 3);
+        assert_memory_equal(sum, want, sizeof want);
+        assert_memory_equal(other, want, sizeof want);
+    }
+}
+static void test_sums(void **unused) { (void)unused, for_all(check_sums); }
+
+/* ---- whole walks */
+typedef struct Case {
+    uint32_t dim, count, half, classes, pairs;
+    bool rand, f64, centred, adjoint;
+    SltFilter filter;
+} Case;
+
+typedef struct Expected {
+    const Case *c;
+    const Walk *k;
+    Batch *b;
+    uint32_t n, at, runs, left; /* lanes of the batch, the next one; runs that are over, samples left of this one */
+} Expected;
+
+static double number(const Batch *b, uint32_t slot, uint32_t i) {
+    return b->f64 ? ((const double *)b->args.in[slot])[i] : (double)((const float *)b->args.in[slot])[i];
+}
+static int32_t integer(const Batch *b, uint32_t slot, uint32_t i) { return ((const int32_t *)b->args.in[slot])[i]; }
+static double rounded(const Batch *b, double v) { return b->f64 ? v : (double)(float)v; }
+
+static void expect_sample(Expected *e, const uint32_t cell[3], uint64_t pixel, const Pattern *p, uint32_t sample) {
+    Batch *b = e->b;
+    const Grid *g = b->grid;
+    if (e->at == e->n) {
+        e->n = walk_fill((Walk *)e->k, b), e->at = e->runs = 0, e->left = e->k->count[0];
+        assert_true(e->n > 0);
+    }
+    uint32_t i = e->at++;
+    for (uint32_t d = 0; d < g->dim; d++) {
+        double want = e->c->centred ? grid_middle(g, d, cell[d]) : grid_place(g, d, cell[d], pattern_at(p, d, sample));
+        assert_true(number(b, SLT_IN_X0 + d, i) == rounded(b, want));
+    }
+    assert_int_equal(integer(b, SLT_IN_PIXEL0, i), cell[0]);
+    assert_int_equal(integer(b, SLT_IN_PIXEL1, i), g->n[1] - 1 - cell[1]);
+    assert_int_equal(integer(b, SLT_IN_SAMPLE, i), sample);
+    if (e->c->rand) {
+        double rand0 = pattern_at(p, g->dim, sample);
+        assert_int_equal(integer(b, SLT_IN_STREAM, i), pattern_stream(p, sample));
+        assert_true(number(b, SLT_IN_RAND0, i) == rounded(b, rand0 < 0x1.fffffep-1 ? rand0 : 0x1.fffffep-1));
+    }
+    assert_int_equal(e->k->owner[e->runs], pixel);
+    if (!--e->left && ++e->runs < e->k->runs) e->left = e->k->count[e->runs];
+}
+
+static void walk_against_loops(const Fill *f, const Case *c) {
+    SltScene s = {.dim = c->dim, .channels = 1, .uses_rand = c->rand, .f64 = c->f64, .width = 16};
+    SltJob j = {.filter = c->filter, .centred = c->centred, .seed = word()};
+    Run run = {.s = &s, .j = &j};
+    const uint32_t size[3] = {37, c->dim > 1 ? 11 : 1, c->dim > 2 ? 5 : 1};
+    float adjoint[37 * 11 * 5];
+    for (uint32_t d = 0; d < c->dim; d++) s.lo[d] = -1.25 - d, s.hi[d] = 2.1 + d, j.size[d] = size[d];
+    scene_outputs_init(&s);
+    assert_int_equal(grid_init(&run.grid, &s, &j, NULL), SLT_OK);
+    Batch b;
+    assert_true(batch_init(&b, &s, &run.grid));
+    b.fill = f;
+    for (uint32_t i = 0; i < 37 * 11 * 5; i++) adjoint[i] = word() % 3 ? 1 : 0;
+    Interior p = {.run = &run, .half = c->half, .count = c->count, .classes = c->classes, .parts_of.pairs = c->pairs};
+    if (c->adjoint) p.adjoint = adjoint;
+    TileRect t[2] = {{.lo = {0, 0, 0}, .n = {3, 1, 1}, .pixels = 3}, {.lo = {5, 0, 0}, .n = {32, 1, 1}}};
+    if (c->dim > 1) t[0].n[1] = 4, t[1].lo[1] = 2, t[1].n[1] = 9;
+    if (c->dim > 2) t[1].lo[2] = 1, t[1].n[2] = 4;
+    for (uint32_t cls = 0; cls < c->classes; cls++) {
+        Walk k;
+        walk_begin(&k, &p, t, 2, cls);
+        Expected e = {.c = c, .k = &k, .b = &b};
+        for (int r = 0; r < 2; r++)
+            for (uint32_t i = 0; i < t[r].n[0] * t[r].n[1] * t[r].n[2]; i++) {
+                const uint32_t cell[3] = {t[r].lo[0] + i % t[r].n[0], t[r].lo[1] + i / t[r].n[0] % t[r].n[1],
+                                          t[r].lo[2] + i / t[r].n[0] / t[r].n[1]};
+                const uint64_t pixel = grid_index(&run.grid, cell[0], cell[1], cell[2]);
+                Pattern pattern;
+                pattern_init(&pattern, &s, j.seed, RNG_PIXEL, c->half, pixel);
+                for (uint32_t n = 0; n < c->count; n++) {
+                    uint32_t set = cell[0] + 2 * cell[1] + cell[2] + (c->pairs ? 0 : n);
+                    if (c->classes > 1 && (set & (COSETS - 1)) != cls) continue;
+                    if (c->adjoint && adjoint[pixel] == 0) continue;
+                    expect_sample(&e, cell, pixel, &pattern, n);
+                }
+            }
+        assert_int_equal(e.at, e.n);
+        assert_int_equal(walk_fill(&k, &b), 0);
+    }
+    batch_free(&b), grid_free(&run.grid);
+}
+
+static void check_walks(const Fill *f) {
+    static const uint32_t counts[] = {1, 2, 3, 5, 16, 37};
+    for (uint32_t i = 0; i < 3 * 6 * 3; i++) {
+        Case c = {.dim = 1 + i % 3, .count = counts[i / 3 % 6], .classes = 1, .filter = (SltFilter)(i / 18)};
+        walk_against_loops(f, &c);
+        c.rand = true, c.half = 1 + i % 2, c.f64 = i % 4 == 1;
+        walk_against_loops(f, &c);
+        c.adjoint = true, c.classes = COSETS, c.f64 = i % 4 == 2, c.rand = i % 5 > 1;
+        walk_against_loops(f, &c);
+        c.pairs = COSETS;
+        walk_against_loops(f, &c);
+        c = (Case){.dim = c.dim, .count = 1, .classes = 1, .filter = c.filter, .centred = true, .rand = i % 2};
+        walk_against_loops(f, &c);
+    }
+}
+static void test_walks(void **unused) { (void)unused, for_all(check_walks); }
+
+static void check_integrals(const Fill *f) {
+    for (uint32_t i = 0; i < 12; i++) {
+        SltScene s = {.dim = 1 + i % 3, .channels = 1, .uses_rand = i % 2, .f64 = i / 6, .width = 16};
+        SltJob j = {.integral = true};
+        Grid g;
+        Batch b;
+        Pattern p;
+        for (uint32_t d = 0; d < s.dim; d++) s.lo[d] = -0.7, s.hi[d] = 1.9 + d;
+        scene_outputs_init(&s);
+        assert_int_equal(grid_init(&g, &s, &j, NULL), SLT_OK);
+        assert_true(batch_init(&b, &s, &g));
+        b.fill = f;
+        pattern_init(&p, &s, word(), RNG_INTEGRAL, 0, i);
+        const uint64_t from = i % 4 ? words() >> 24 : 0;
+        walk_integral(&b, &p, from, 1000 + i);
+        for (uint32_t n = 0; n < 1000 + i; n++) {
+            for (uint32_t d = 0; d < s.dim; d++) {
+                double want = grid_place(&g, d, 0, pattern_at(&p, d, from + n));
+                assert_true(number(&b, SLT_IN_X0 + d, n) == rounded(&b, want));
+            }
+            assert_int_equal(integer(&b, SLT_IN_SAMPLE, n), (int32_t)(from + n));
+            if (s.uses_rand) assert_int_equal(integer(&b, SLT_IN_STREAM, n), pattern_stream(&p, from + n));
+        }
+        batch_free(&b), grid_free(&g);
+    }
+}
+static void test_integrals(void **unused) { (void)unused, for_all(check_integrals); }
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_blocks), cmocka_unit_test(test_streams),
+                                       cmocka_unit_test(test_spread), cmocka_unit_test(test_sums),
+                                       cmocka_unit_test(test_walks),  cmocka_unit_test(test_integrals)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
