@@ -2,30 +2,28 @@
  *
  * What is listed for several windows of one eye does not decide what one of them sees: `survey` asks each triangle
  * again, by arithmetic of the window alone. */
-typedef float Narrow __attribute__((vector_size(32), aligned(4)));
-
-/* A plane through the eye; what is not on its positive side by more than `slack` is outside. */
+/* A plane through the eye; what is not on its positive side by more than it is off is outside. */
 typedef struct Plane {
-    double normal[3], slack;
+    double normal[3], off;
+    bool high[3]; /* the normal goes up, so that a box's most is at its upper end */
 } Plane;
 
 /* Which of a node's boxes are not wholly outside of one of the planes? */
-INLINE uint32_t boxes_in(const BvhNode *n, const Plane plane[4], const double eye[3]) {
-    D8 lo[3], hi[3];
-    for (int a = 0; a < 3; a++) {
-        lo[a] = __builtin_convertvector(*(const Narrow *)n->lo[a], D8) - eye[a];
-        hi[a] = __builtin_convertvector(*(const Narrow *)n->hi[a], D8) - eye[a];
-    }
-    L8 in = lo[0] <= hi[0];
+INLINE uint32_t boxes_in(const BvhNode *n, const Plane plane[4]) {
+    D8 end[3][2];
+    uint32_t in = 255;
+    for (int a = 0; a < 3; a++)
+        end[a][0] = wide_F8(*(const Narrow *)n->lo[a]), end[a][1] = wide_F8(*(const Narrow *)n->hi[a]);
+    in &= upto(end[0][0], end[0][1]);
     for (int p = 0; p < 4; p++) {
-        D8 most = (D8){0} + plane[p].slack;
-        for (int a = 0; a < 3; a++) most += plane[p].normal[a] * (plane[p].normal[a] > 0 ? hi[a] : lo[a]);
-        in &= most >= 0;
+        D8 most = all_D8(plane[p].off);
+        for (int a = 0; a < 3; a++) most += plane[p].normal[a] * end[a][plane[p].high[a]];
+        in &= upto(all_D8(0), most);
     }
-    return bits_D8(in);
+    return in;
 }
 
-static void list_leaves(Search *s, const Plane plane[4], const double eye[3]) {
+static void list_leaves(Search *s, const Plane plane[4]) {
     const BvhScene *scene = &s->scene->tree;
     const Bvh *b = scene->bvh;
     int32_t stack[BVH_STACK];
@@ -35,7 +33,7 @@ static void list_leaves(Search *s, const Plane plane[4], const double eye[3]) {
     stack[depth++] = 0;
     while (depth) {
         const BvhNode *n = &b->node[stack[--depth]];
-        for (uint32_t in = boxes_in(n, plane, eye); in; in &= in - 1) {
+        for (uint32_t in = boxes_in(n, plane); in; in &= in - 1) {
             const int32_t child = n->child[__builtin_ctz(in)];
             if (child >= 0) {
                 if (child) stack[depth++] = child;
@@ -54,11 +52,9 @@ INLINE void corners_of(const Search *s, const double eye[3], uint32_t leaf, cons
     if (!s->scene->tree.moved) {
         for (int k = 0; k < 3; k++)
             for (int a = 0; a < 3; a++)
-                p[k][a] =
-                    (s->f64
-                         ? *(const Wide *)((const BvhLeaf64 *)b->leaf)[leaf].at[k][a]
-                         : __builtin_convertvector(*(const Narrow *)((const BvhLeaf32 *)b->leaf)[leaf].at[k][a], D8)) -
-                    eye[a];
+                p[k][a] = (s->f64 ? *(const Wide *)((const BvhLeaf64 *)b->leaf)[leaf].at[k][a]
+                                  : wide_F8(*(const Narrow *)((const BvhLeaf32 *)b->leaf)[leaf].at[k][a])) -
+                          eye[a];
         return;
     }
     for (uint32_t i = 0; i < 8; i++)
@@ -72,18 +68,7 @@ INLINE void corners_of(const Search *s, const double eye[3], uint32_t leaf, cons
     memcpy(p, at, sizeof at);
 }
 
-/* What eight triangles are, before those that are not in the rectangle are left out. */
-typedef struct Columns {
-    double normal[3][3][8], depth[3][8], base[4][8], lo[2][8], hi[2][8];
-    double along[2][4][8];  /* normals and depth times u and v of the window */
-    double spread[2][4][8]; /* Near.spread */
-} Columns;
-
 INLINE D8 which(L8 m, D8 a, D8 b) { return (D8)((m & (L8)a) | (~m & (L8)b)); }
-
-INLINE void cross8(const D8 a[3], const D8 b[3], D8 out[3]) {
-    for (int i = 0; i < 3; i++) out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
-}
 
 /* Of triangles seen from the eye. Their planes are of differences of corners: products of corners cancel by the square
  * of how far they are, measured in triangles. A line's normal is any of its points times its direction: the nearer end,
@@ -137,20 +122,25 @@ INLINE void lines_far(const D8 at[3][3], const double eye[3], D8 normal[3][3], D
             (across[(a + 1) % 3] * eye[(a + 2) % 3] - across[(a + 2) % 3] * eye[(a + 1) % 3] + eye[a] * own) / square;
 }
 
-INLINE void make_columns(const Window *w, const Rectangle *r, const D8 at[3][3], Columns *out, uint32_t *in,
-                         uint32_t *turned) {
-    D8 p[3][3], sum[3], base[4], det, size;
-    for (int k = 0; k < 3; k++)
-        for (int a = 0; a < 3; a++) p[k][a] = w->far ? at[k][a] - w->eye[a] : at[k][a];
-    D8 lo[2] = {(D8){0} + HUGE_VAL, (D8){0} + HUGE_VAL}, hi[2] = {-lo[0], -lo[1]};
-    L8 ahead = ~(L8){0}, outside = {0};
+/* Triangles that lie in the rectangle, until there are eight. */
+typedef struct Waiting {
+    double at[3][3][8], lo[2][8], hi[2][8]; /* at: from the eye, for far ones from the origin */
+    int32_t triangle[8];
+    uint32_t n;
+} Waiting;
+
+/* Which of eight triangles may lie in the rectangle, and where. */
+INLINE uint32_t in_rectangle(const Window *w, const Rectangle *r, const D8 at[3][3], D8 lo[2], D8 hi[2]) {
+    uint32_t ahead = 255, outside = 0;
+    for (int i = 0; i < 2; i++) lo[i] = all_D8(HUGE_VAL), hi[i] = all_D8(-HUGE_VAL);
     for (int k = 0; k < 3; k++) {
-        D8 along, where;
-        dot8(p[k], w->plane[2], &along);
-        ahead &= along > 0;
+        D8 p[3], along, where;
+        for (int a = 0; a < 3; a++) p[a] = w->far ? at[k][a] - w->eye[a] : at[k][a];
+        dot8(p, w->plane[2], &along);
+        ahead &= less(all_D8(0), along);
         along = 1 / along;
         for (int i = 0; i < 2; i++) {
-            dot8(p[k], w->plane[i], &where);
+            dot8(p, w->plane[i], &where);
             where *= along;
             keep_min(&lo[i], &where), keep_max(&hi[i], &where);
         }
@@ -159,67 +149,78 @@ INLINE void make_columns(const Window *w, const Rectangle *r, const D8 at[3][3],
         D8 above, below;
         size_of(&hi[i], &above), size_of(&lo[i], &below);
         lo[i] -= w->beside[i] * (1 + above + below), hi[i] += w->beside[i] * (1 + above + below);
-        outside |= (lo[i] > r->hi[i]) | (hi[i] < r->lo[i]);
-        lo[i] = (D8)((ahead & (L8)lo[i]) | (~ahead & (L8)((D8){0} - HUGE_VAL)));
-        hi[i] = (D8)((ahead & (L8)hi[i]) | (~ahead & (L8)((D8){0} + HUGE_VAL)));
+        outside |= less(all_D8(r->hi[i]), lo[i]) | less(hi[i], all_D8(r->lo[i]));
+        lo[i] = chosen(ahead, lo[i], all_D8(-HUGE_VAL)), hi[i] = chosen(ahead, hi[i], all_D8(HUGE_VAL));
     }
-    outside &= ahead;
-    *in &= ~bits_D8(outside);
-    if (!*in) return;
-    D8 normal[3][3];
-    if (w->far) lines_far(at, w->eye, normal, sum, base, &det);
-    else lines_near((const D8(*)[3])p, normal, sum, &det);
+    return ~(outside & ahead) & 255;
+}
+
+/* Makes of those that wait what windows are asked with. */
+static void add_near(Search *s, const Window *w, Waiting *from) {
+    Store *store = s->store;
+    if (!from->n ||
+        !window_room(store, &store->near.data, store->near.n, &store->near.room, 1, sizeof *store->near.data))
+        return;
+    Near *to = &store->near.data[store->near.n];
+    D8 at[3][3], normal[3][3], sum[3], base[4], det, size;
+    for (int k = 0; k < 3; k++)
+        for (int a = 0; a < 3; a++) {
+            for (uint32_t i = from->n; i < 8; i++) from->at[k][a][i] = from->at[k][a][0];
+            at[k][a] = *(const Wide *)from->at[k][a];
+        }
+    if (w->far) lines_far((const D8(*)[3])at, w->eye, normal, sum, base, &det);
+    else lines_near((const D8(*)[3])at, normal, sum, &det);
     size_of(&det, &size);
     const L8 back = det < 0, good = (size > 0) & (size <= DBL_MAX);
-    *in &= bits_D8(good), *turned = bits_D8(back);
+    to->there = (uint8_t)(bits_D8(good) & ((1u << from->n) - 1)), to->turned = (uint8_t)bits_D8(back);
+    from->n = 0;
+    if (!to->there) return;
+    store->near.n++;
     const D8 inverse = 1 / det;
     for (int a = 0; a < 3; a++) {
-        *(Wide *)out->depth[a] = sum[a] *= inverse;
+        *(Wide *)to->depth[a] = sum[a] *= inverse;
         for (int k = 0; k < 3; k++)
-            *(Wide *)out->normal[k][a] = normal[k][a] = (D8)((L8)normal[k][a] ^ (back & INT64_MIN));
+            *(Wide *)to->normal[k][a] = normal[k][a] = (D8)((L8)normal[k][a] ^ (back & INT64_MIN));
     }
     for (int k = 0; k < 4 && w->far; k++)
-        *(Wide *)out->base[k] = k < 3 ? (D8)((L8)base[k] ^ (back & INT64_MIN)) : base[k] * inverse;
+        *(Wide *)to->base[k] = k < 3 ? (D8)((L8)base[k] ^ (back & INT64_MIN)) : base[k] * inverse;
     for (int k = 0; k < 4; k++) {
         D8 add[3], least = {0}, most = {0};
         dot8(k < 3 ? normal[k] : sum, w->u, &add[0]);
         dot8(k < 3 ? normal[k] : sum, w->v, &add[1]);
         add[2] = add[0] + add[1];
         for (int q = 0; q < 3; q++) keep_min(&least, &add[q]), keep_max(&most, &add[q]);
-        *(Wide *)out->along[0][k] = add[0], *(Wide *)out->along[1][k] = add[1];
-        *(Wide *)out->spread[0][k] = least, *(Wide *)out->spread[1][k] = most;
+        *(Wide *)to->along[0][k] = add[0], *(Wide *)to->along[1][k] = add[1];
+        *(Wide *)to->spread[0][k] = least, *(Wide *)to->spread[1][k] = most;
     }
-    for (int i = 0; i < 2; i++) *(Wide *)out->lo[i] = lo[i], *(Wide *)out->hi[i] = hi[i];
+    for (int i = 0; i < 2; i++)
+        *(Wide *)to->lo[i] = *(const Wide *)from->lo[i], *(Wide *)to->hi[i] = *(const Wide *)from->hi[i];
+    memcpy(to->triangle, from->triangle, sizeof to->triangle);
 }
 
-/* Appends those of a leaf's triangles that lie in the rectangle. */
-static void add_leaf(Search *s, const Window *w, const Rectangle *r, uint32_t leaf) {
+/* Those of a leaf's triangles that lie in the rectangle. Of a leaf few do, so they are gathered. */
+static void add_leaf(Search *s, const Window *w, const Rectangle *r, uint32_t leaf, Waiting *to) {
+    typedef struct {
+        double at[8];
+    } Row;
     const Bvh *b = s->scene->tree.bvh;
     const int32_t *triangle =
         s->f64 ? ((const BvhLeaf64 *)b->leaf)[leaf].triangle : ((const BvhLeaf32 *)b->leaf)[leaf].triangle;
-    Columns c;
-    uint32_t in = 0, turned;
-    Store *store = s->store;
-    D8 p[3][3];
-    for (uint32_t i = 0; i < BVH_LEAF; i++) in |= (uint32_t)(triangle[i] >= 0) << i;
     static const double origin[3];
+    D8 p[3][3], lo[2], hi[2];
     corners_of(s, w->far ? origin : w->eye, leaf, triangle, p);
-    make_columns(w, r, (const D8(*)[3])p, &c, &in, &turned);
-    if (!in || !window_room(store, &store->near.data, store->near.n, &store->near.room, 8, sizeof *store->near.data))
-        return;
+    uint32_t in = in_rectangle(w, r, (const D8(*)[3])p, lo, hi);
+    if (!in) return;
+    Row at[3][3], where[4];
+    memcpy(at, p, sizeof at), memcpy(where, lo, sizeof lo), memcpy(where + 2, hi, sizeof hi);
     for (; in; in &= in - 1) {
-        const uint32_t i = (uint32_t)__builtin_ctz(in);
-        Near *to = &store->near.data[store->near.n++];
-        for (int a = 0; a < 3; a++) {
-            to->depth[a] = c.depth[a][i];
-            for (int k = 0; k < 3; k++) to->normal[k][a] = c.normal[k][a][i];
-        }
-        for (int k = 0; k < 4 && w->far; k++) to->base[k] = c.base[k][i];
-        for (int a = 0; a < 2; a++) {
-            to->lo[a] = c.lo[a][i], to->hi[a] = c.hi[a][i];
-            for (int k = 0; k < 4; k++) to->along[a][k] = c.along[a][k][i], to->spread[a][k] = c.spread[a][k][i];
-        }
-        to->triangle = triangle[i], to->turned = turned >> i & 1;
+        const uint32_t i = (uint32_t)__builtin_ctz(in), n = to->n;
+        if (triangle[i] < 0) continue;
+        for (int k = 0; k < 3; k++)
+            for (int a = 0; a < 3; a++) to->at[k][a][n] = at[k][a].at[i];
+        for (int a = 0; a < 2; a++) to->lo[a][n] = where[a].at[i], to->hi[a][n] = where[2 + a].at[i];
+        to->triangle[n] = triangle[i];
+        if (++to->n == 8) add_near(s, w, to);
     }
 }
 
@@ -228,115 +229,181 @@ static void list(Search *s, const Window *w, const Rectangle *r) {
     Plane plane[4];
     for (int p = 0; p < 4; p++) {
         const double sign = p & 1 ? -1 : 1, at = p & 1 ? r->hi[p / 2] : r->lo[p / 2];
-        plane[p].slack = 0;
+        plane[p].off = 0;
         for (int a = 0; a < 3; a++) {
             const double n = sign * (w->plane[p / 2][a] - at * w->plane[2][a]),
                          far = scene->bvh->magnitude + fabs(w->eye[a]) + scene->slack;
-            plane[p].normal[a] = n, plane[p].slack += fabs(n) * (scene->slack + 1e-12 * far);
+            plane[p].normal[a] = n, plane[p].high[a] = n > 0;
+            plane[p].off += fabs(n) * (scene->slack + 1e-12 * far) - n * w->eye[a];
         }
     }
     Store *store = s->store;
     store->near.n = 0;
-    list_leaves(s, plane, w->eye);
-    for (uint32_t i = 0; i < store->list.n; i++) add_leaf(s, w, r, (uint32_t)store->list.data[i]);
+    list_leaves(s, plane);
+    Waiting waiting;
+    waiting.n = 0;
+    for (uint32_t i = 0; i < store->list.n; i++) add_leaf(s, w, r, (uint32_t)store->list.data[i], &waiting);
+    add_near(s, w, &waiting);
 }
 
+/* Windows of eight lanes, what hides what they may see, and what may be all that one sees. */
+typedef struct Row {
+    D8 q[3], own, u[3], v[3];
+    D8 hidden;                /* 1 / t of what fills the window is at least this */
+    D8 filling, most, others; /* of what that is: its number, the most of its 1 / t, and that of all others */
+} Row;
+
 /* Of d . n at the corners of the windows of eight lanes. */
-INLINE void range_of(const double n[3], const double *base, const Beams *b, uint32_t k, bool alike, double below,
+INLINE void range_of(const double *const n[3], const double *base, const Row *row, bool alike, double below,
                      double above, D8 *first, D8 *least, D8 *most) {
-    D8 row[3], c, s, t;
-    for (int a = 0; a < 3; a++) row[a] = *(const Wide *)&b->row[BEAM_Q + a][k];
-    dot8(row, n, &c);
-    if (base) c += *(const Wide *)&b->row[BEAM_OWN][k] * *base;
+    D8 c = row->q[0] * *n[0] + row->q[1] * *n[1] + row->q[2] * *n[2], s, t;
+    if (base) c += row->own * *base;
     *first = c;
-    *least = *most = c;
     if (alike) {
         *least = c + below, *most = c + above;
         return;
     }
-    for (int a = 0; a < 3; a++) row[a] = *(const Wide *)&b->row[SLT_BEAM_U + a][k];
-    dot8(row, n, &s);
-    for (int a = 0; a < 3; a++) row[a] = *(const Wide *)&b->row[SLT_BEAM_V + a][k];
-    dot8(row, n, &t);
+    *least = *most = c;
+    s = row->u[0] * *n[0] + row->u[1] * *n[1] + row->u[2] * *n[2];
+    t = row->v[0] * *n[0] + row->v[1] * *n[1] + row->v[2] * *n[2];
     D8 at[3] = {s + c, t + c, s + t + c};
     for (int q = 0; q < 3; q++) keep_min(least, &at[q]), keep_max(most, &at[q]);
 }
 
-/* Appends what the windows of eight lanes may see of a triangle, in no order. */
-INLINE void meet_lanes(Store *store, const Beams *b, const Places *lie, uint32_t number, uint32_t k, uint32_t on,
-                       bool alike, bool far, D8 *hidden) {
-    typedef struct {
-        double at[8];
-    } Row;
-    const Near *t = &store->near.data[number];
+/* Adds what the windows may see of a triangle. */
+INLINE void meet_row(Store *store, const Places *lie, uint32_t near, uint32_t i, uint32_t k, uint32_t on, bool alike,
+                     bool far, Row *row) {
+    const Near *t = &store->near.data[near];
     const D8 zero = {0};
-    uint32_t some = on & upto(*(const Wide *)&lie->lo[0][k], all_D8(t->hi[0])) &
-                    upto(all_D8(t->lo[0]), *(const Wide *)&lie->hi[0][k]) &
-                    upto(*(const Wide *)&lie->lo[1][k], all_D8(t->hi[1])) &
-                    upto(all_D8(t->lo[1]), *(const Wide *)&lie->hi[1][k]);
+    uint32_t some = on & upto(*(const Wide *)&lie->lo[0][k], all_D8(t->hi[0][i])) &
+                    upto(all_D8(t->lo[0][i]), *(const Wide *)&lie->hi[0][k]) &
+                    upto(*(const Wide *)&lie->lo[1][k], all_D8(t->hi[1][i])) &
+                    upto(all_D8(t->lo[1][i]), *(const Wide *)&lie->hi[1][k]);
     if (!some) return;
     uint32_t filling = some;
     D8 least, most, first[4];
-    for (int e = 0; e < 3; e++) {
-        range_of(t->normal[e], far ? &t->base[e] : NULL, b, k, alike, t->spread[0][e], t->spread[1][e], &first[e],
-                 &least, &most);
-        some &= less(zero, most), filling &= less(zero, least);
+    for (int e = 0; e < 4; e++) {
+        const double *n[3];
+        for (int a = 0; a < 3; a++) n[a] = e < 3 ? &t->normal[e][a][i] : &t->depth[a][i];
+        range_of(n, far ? &t->base[e][i] : NULL, row, alike, t->spread[0][e][i], t->spread[1][e][i], &first[e], &least,
+                 &most);
+        if (e < 3) some &= less(zero, most), filling &= less(zero, least);
     }
-    range_of(t->depth, far ? &t->base[3] : NULL, b, k, alike, t->spread[0][3], t->spread[1][3], &first[3], &least,
-             &most);
-    some &= upto(*hidden, most) & upto(all_D8(-DBL_MAX), least) & upto(most, all_D8(DBL_MAX));
+    some &= upto(row->hidden, most) & upto(all_D8(-DBL_MAX), least) & upto(most, all_D8(DBL_MAX));
     if (!some) return;
-    filling &= some;
-    D8 nearest = chosen(filling, least, *hidden);
-    keep_max(hidden, &nearest);
-    Row low, high, c[3];
-    memcpy(&low, &least, sizeof low), memcpy(&high, &most, sizeof high), memcpy(c, first, sizeof c);
-    for (; some; some &= some - 1) {
-        const uint32_t i = (uint32_t)__builtin_ctz(some);
-        store->found.data[store->found.n++] = (Candidate){.least = low.at[i],
-                                                          .most = high.at[i],
-                                                          .c = {c[0].at[i], c[1].at[i], c[2].at[i]},
-                                                          .triangle = t->triangle,
-                                                          .near = number,
-                                                          .lane = (uint8_t)(k + i),
-                                                          .fills = filling >> i & 1};
+    filling &= some & less(row->hidden, least);
+    const D8 other = chosen(filling, row->most, chosen(some, most, row->others));
+    keep_max(&row->others, &other);
+    row->hidden = chosen(filling, least, row->hidden), row->most = chosen(filling, most, row->most);
+    row->filling = chosen(filling, all_D8(8 * near + i), row->filling);
+    store->met.data[store->found.n] = (uint8_t)some;
+    Found *to = &store->found.data[store->found.n++];
+    *(Wide *)to->least = least, *(Wide *)to->most = most;
+    for (int e = 0; e < 4; e++) *(Wide *)to->c[e] = first[e];
+    to->near = 8 * near + i;
+}
+
+/* Of the n numbers most[], from the greatest on, of equal ones the lower triangle first, which place has number i? */
+INLINE uint32_t place_of(const Store *store, uint32_t n, uint32_t i) {
+    const D8 mine = all_D8(store->most.data[i]);
+    uint32_t before = 0;
+    for (uint32_t k = 0; k < n; k += 8) {
+        const D8 its = *(const Wide *)&store->most.data[k];
+        uint32_t equal_ = upto(mine, its);
+        const uint32_t greater = less(mine, its);
+        before += (uint32_t)__builtin_popcount(greater), equal_ &= ~greater;
+        if (k == i / 8 * 8) equal_ &= ~(1u << i % 8);
+        for (; equal_; equal_ &= equal_ - 1) {
+            const uint32_t a = store->found.data[store->order.data[i]].near,
+                           b = store->found.data[store->order.data[k + (uint32_t)__builtin_ctz(equal_)]].near;
+            before += store->near.data[b / 8].triangle[b % 8] < store->near.data[a / 8].triangle[a % 8];
+        }
     }
+    return before;
+}
+
+/* Adds what the window of lane i of the row may see to the candidates. */
+static void add_candidates(Store *store, uint32_t i) {
+    uint32_t n = 0;
+    for (uint32_t k = 0; k < store->found.n; k += 64)
+        for (uint64_t who = column(&store->met.data[k], i); who; who &= who - 1) {
+            const uint32_t number = k + (uint32_t)__builtin_ctzll(who);
+            store->order.data[n] = number, store->most.data[n++] = store->found.data[number].most[i];
+        }
+    for (uint32_t k = n; k % 8; k++) store->most.data[k] = -HUGE_VAL;
+    if (!window_room(store, &store->candidate.data, store->candidate.n, &store->candidate.room, n,
+                     sizeof *store->candidate.data))
+        return;
+    Candidate *to = store->candidate.data + store->candidate.n;
+    for (uint32_t k = 0; k < n; k++) {
+        const Found *f = &store->found.data[store->order.data[k]];
+        const Near *near = &store->near.data[f->near / 8];
+        Candidate *c = &to[n <= FEW_FACETS ? place_of(store, n, k) : k];
+        c->least = f->least[i], c->most = f->most[i];
+        for (int e = 0; e < 4; e++) c->c[e] = f->c[e][i];
+        c->triangle = near->triangle[f->near % 8], c->near = f->near;
+        c->turned = near->turned >> f->near % 8 & 1;
+    }
+    store->candidate.n += n;
+}
+
+/* What the windows of the row may see; false: out of memory. */
+static bool find_in_row(Store *store, const Beams *b, const Places *lie, uint32_t k, uint32_t on, bool alike, bool far,
+                        Row *row) {
+    double lo[2], hi[2];
+    for (int a = 0; a < 3; a++) {
+        row->q[a] = *(const Wide *)&b->row[BEAM_Q + a][k];
+        row->u[a] = *(const Wide *)&b->row[SLT_BEAM_U + a][k], row->v[a] = *(const Wide *)&b->row[SLT_BEAM_V + a][k];
+    }
+    row->own = *(const Wide *)&b->row[BEAM_OWN][k];
+    row->hidden = row->most = row->others = all_D8(-HUGE_VAL), row->filling = all_D8(0);
+    for (int a = 0; a < 2; a++) {
+        lo[a] = least_of(chosen(on, *(const Wide *)&lie->lo[a][k], all_D8(HUGE_VAL)));
+        hi[a] = -least_of(-chosen(on, *(const Wide *)&lie->hi[a][k], all_D8(-HUGE_VAL)));
+    }
+    store->found.n = 0;
+    for (uint32_t near = 0; near < store->near.n; near++) {
+        const Near *t = &store->near.data[near];
+        uint32_t in = t->there;
+        for (int a = 0; a < 2; a++)
+            in &= upto(all_D8(lo[a]), *(const Wide *)t->hi[a]) & upto(*(const Wide *)t->lo[a], all_D8(hi[a]));
+        if (!window_room(store, &store->found.data, store->found.n, &store->found.room, 8, sizeof *store->found.data) ||
+            !window_room(store, &store->met.data, store->found.n, &store->met.room, 128, 1))
+            return false;
+        for (; in; in &= in - 1) meet_row(store, lie, near, (uint32_t)__builtin_ctz(in), k, on, alike, far, row);
+    }
+    const uint32_t n = store->found.n;
+    memset(store->met.data + n, 0, 64);
+    return window_room(store, &store->order.data, 0, &store->order.room, n, sizeof *store->order.data) &&
+           window_room(store, &store->most.data, 0, &store->most.room, n + 8, sizeof *store->most.data);
 }
 
 static void survey(Search *s, const Beams *b, const Places *lie, Neighbours *group) {
     Store *store = s->store;
     const bool far = b->far >> group->base & 1; /* they share their eye */
-    D8 hidden[LANES / 8];
-    double nearest[LANES];
-    uint32_t *first = group->first, count[LANES];
     const uint32_t end = group->last + 1;
     const uint64_t who = b->mask & LOW_BITS(end) & ~0ull << group->base;
-    for (uint32_t k = group->base / 8; k <= group->last / 8; k++) hidden[k] = all_D8(-HUGE_VAL);
-    for (uint32_t k = group->base; k < end; k++) first[k] = count[k] = 0;
-    store->found.n = store->candidate.n = first[end] = 0;
-    if (!store->near.n) return;
-    for (uint32_t i = 0; i < store->near.n; i++) {
-        if (!window_room(store, &store->found.data, store->found.n, &store->found.room, LANES,
-                         sizeof *store->found.data))
-            return;
-        for (uint32_t k = group->base / 8 * 8; k <= group->last; k += 8) {
-            const uint32_t on = (uint32_t)(who >> k) & 255;
-            if (on) meet_lanes(store, b, lie, i, k, on, group->alike, far, &hidden[k / 8]);
+    store->candidate.n = 0, group->whole = 0;
+    for (uint32_t k = group->base / 8 * 8; k < end; k += 8) {
+        const uint32_t on = (uint32_t)(who >> k) & 255;
+        Row row;
+        uint32_t open = on && find_in_row(store, b, lie, k, on, group->alike, far, &row) && store->found.n ? on : 0;
+        if (open) {
+            const uint32_t whole = less(row.others, row.hidden) & on;
+            double filling[8];
+            memcpy(filling, &row.filling, sizeof filling);
+            open &= ~whole, group->whole |= (uint64_t)whole << k;
+            for (uint32_t left = whole; left; left &= left - 1) {
+                const uint32_t i = (uint32_t)__builtin_ctz(left), number = (uint32_t)filling[i];
+                group->triangle[k + i] = store->near.data[number / 8].triangle[number % 8];
+            }
+            for (uint32_t i = 0; i < store->found.n && open; i++)
+                store->met.data[i] &= (uint8_t)~less(*(const Wide *)store->found.data[i].most, row.hidden);
+        }
+        for (uint32_t i = 0; i < 8; i++) {
+            group->first[k + i] = store->candidate.n;
+            if (open >> i & 1) add_candidates(store, i);
         }
     }
-    if (!window_room(store, &store->candidate.data, 0, &store->candidate.room, store->found.n,
-                     sizeof *store->candidate.data))
-        return;
-    for (uint32_t k = group->base / 8; k <= group->last / 8; k++) memcpy(&nearest[8 * k], &hidden[k], sizeof hidden[k]);
-    /* By lane, less what is hidden. */
-    for (uint32_t i = 0; i < store->found.n; i++) {
-        const Candidate *c = &store->found.data[i];
-        count[c->lane] += !(c->most < nearest[c->lane]);
-    }
-    for (uint32_t k = group->base; k < end; k++) first[k + 1] = first[k] + count[k], count[k] = first[k];
-    for (uint32_t i = 0; i < store->found.n; i++) {
-        const Candidate *c = &store->found.data[i];
-        if (!(c->most < nearest[c->lane])) store->candidate.data[count[c->lane]++] = *c;
-    }
-    store->candidate.n = first[end];
+    group->first[end] = store->candidate.n;
 }

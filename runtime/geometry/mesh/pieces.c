@@ -28,18 +28,13 @@ void window_planes(Window *w) {
     w->beside[1] = BESIDE + away * sqrt(window_dot(w->u, w->u));
 }
 
-/* False: a window that is a line, or passes through its eye. */
-static bool window_set(Window *w, const Beams *b, uint32_t lane) {
-    double n[3];
+static void window_set(Window *w, const Beams *b, uint32_t lane) {
     for (int a = 0; a < 3; a++) {
         w->eye[a] = b->row[SLT_BEAM_EYE + a][lane], w->c[a] = b->row[SLT_BEAM_CORNER + a][lane];
         w->u[a] = b->row[SLT_BEAM_U + a][lane], w->v[a] = b->row[SLT_BEAM_V + a][lane];
         w->q[a] = b->row[BEAM_Q + a][lane];
     }
     w->far = b->far >> lane & 1, w->own = b->row[BEAM_OWN][lane];
-    window_cross(w->v, w->c, n);
-    const double whole = window_dot(w->u, n);
-    return whole != 0 && isfinite(whole);
 }
 
 /* Parts of windows are no halves, as windows are put aside (beams.inc.h). */
@@ -53,15 +48,6 @@ static int nearest_first(const void *x, const void *y) {
     const Candidate *a = x, *b = y;
     if (a->most != b->most) return a->most < b->most ? 1 : -1;
     return (a->triangle > b->triangle) - (a->triangle < b->triangle);
-}
-
-/* Numbers of a few candidates, nearest first. */
-static void order_few(const Candidate *c, uint32_t n, uint8_t order[FEW_FACETS]) {
-    for (uint32_t i = 0; i < n; i++) {
-        uint32_t k = i;
-        for (; k > 0 && nearest_first(&c[order[k - 1]], &c[i]) > 0; k--) order[k] = order[k - 1];
-        order[k] = (uint8_t)i;
-    }
 }
 
 /* Where each facet lies, before a window is halved. */
@@ -153,29 +139,17 @@ static __attribute__((noinline)) void keep_beam(Search *s) {
     (void)PUSH(s->store, s->store->beam, b);
 }
 
-static void look_through(Search *s, Candidate *c, uint32_t n) {
+static void look_through(Search *s, const Beams *b, uint32_t lane, Candidate *c, uint32_t n) {
     Store *store = s->store;
-    if (s->scene->outlined) keep_beam(s);
-    if (n == 1 && c->fills) {
-        told_whole(s, c->triangle);
-        return;
-    }
-    if (n <= FEW_FACETS) {
-        uint8_t order[FEW_FACETS];
-        order_few(c, n, order);
-        if (n >= 2 && !s->scene->outlined && told_sheet(s, c, n, order)) return;
-        Candidate *sorted = store->found.data; /* nobody needs these any more, of which c are some */
-        for (uint32_t i = 0; i < n; i++) sorted[i] = c[order[i]];
-        c = sorted;
-    } else {
-        qsort(c, n, sizeof *c, nearest_first);
-    }
+    if (n >= 2 && n <= FEW_FACETS && !s->scene->outlined && told_sheet(s, c, n)) return;
+    if (n > FEW_FACETS) qsort(c, n, sizeof *c, nearest_first);
     store->facet.n = store->chosen.n = 0;
     if (!window_room(store, &store->facet.data, 0, &store->facet.room, n, sizeof *store->facet.data) ||
         !window_room(store, &store->chosen.data, 0, &store->chosen.room, n, sizeof *store->chosen.data))
         return;
     s->candidate = c;
     for (uint32_t i = 0; i < n; i++) store->chosen.data[store->chosen.n++] = i;
+    window_set(&s->window, b, lane);
     if (n > FEW_FACETS || s->scene->adjacency) window_planes(&s->window);
     if (n > FEW_FACETS) {
         window_facets(s, n);
@@ -187,9 +161,16 @@ static void look_through(Search *s, Candidate *c, uint32_t n) {
 /* Lanes from `base` on that look from one eye through windows side by side, which are listed for together. */
 static void neighbours(const Beams *b, uint32_t base, uint32_t width, const Places *lie, Rectangle *all,
                        Neighbours *n) {
-    n->base = n->last = base, n->alike = true;
+    n->base = n->last = base;
+    const uint64_t later = b->mask & ~1ull << base;
     double area = 1;
-    *all = (Rectangle){{0, 0}, {1, 1}};
+    if (!(later & ~lie->ahead) && area_of(&lie->all) <= SPARSE * lie->area) {
+        *all = lie->all;
+        if (later) n->last = 63 - (uint32_t)__builtin_clzll(later);
+        n->alike = !(later & ~lie->alike);
+        return;
+    }
+    *all = (Rectangle){{0, 0}, {1, 1}}, n->alike = true;
     for (uint32_t k = base + 1; k < width; k++) {
         if (!(b->mask >> k & 1)) continue;
         if (!(lie->ahead >> k & 1)) break;
@@ -200,8 +181,7 @@ static void neighbours(const Beams *b, uint32_t base, uint32_t width, const Plac
         }
         if (!(area_of(&wider) <= SPARSE * (area + area_of(&own)))) break;
         area += area_of(&own);
-        *all = wider, n->last = k;
-        for (int r = SLT_BEAM_U; r < SLT_BEAM_ROWS; r++) n->alike &= b->row[r][k] == b->row[r][base];
+        *all = wider, n->last = k, n->alike &= lie->alike >> k & 1;
     }
 }
 
@@ -217,22 +197,21 @@ bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint3
     while (beams.mask) {
         const uint32_t base = (uint32_t)__builtin_ctzll(beams.mask);
         Window window;
-        if (!window_set(&window, &beams, base)) {
-            beams.mask &= beams.mask - 1;
-            continue;
-        }
-        window_planes(&window);
-        scene->facets->place(&window, &beams, width, &lie);
+        window_set(&window, &beams, base), window_planes(&window);
+        scene->facets->place(&window, &beams, base, width, &lie);
         neighbours(&beams, base, width, &lie, &all, &group);
         scene->facets->list(&s, &window, &all);
-        scene->facets->survey(&s, &beams, &lie, &group);
-        if (!scene->outlined) scene->facets->sheets(&s, &beams, &group);
+        if (s.store->near.n) scene->facets->survey(&s, &beams, &lie, &group);
+        if (s.store->near.n && !scene->outlined) scene->facets->sheets(&s, &beams, &group);
         s.alike = group.alike;
-        for (uint32_t k = base; k <= group.last; k++) {
-            if (!(beams.mask >> k & 1)) continue;
+        for (uint32_t k = base; k <= group.last && s.store->near.n; k++) {
             const uint32_t n = group.first[k + 1] - group.first[k];
+            const bool whole = group.whole >> k & 1;
+            if (!n && !whole) continue;
             s.first = s.last = 0;
-            if (n && window_set(&s.window, &beams, k)) look_through(&s, s.store->candidate.data + group.first[k], n);
+            if (scene->outlined) window_set(&s.window, &beams, k), keep_beam(&s);
+            if (whole) told_whole(&s, group.triangle[k]);
+            else look_through(&s, &beams, k, s.store->candidate.data + group.first[k], n);
             witness[k] = (int32_t)s.first;
         }
         beams.mask &= group.last == LANES - 1 ? 0 : ~0ull << (group.last + 1);

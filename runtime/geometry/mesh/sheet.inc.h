@@ -91,24 +91,23 @@ static void measure_sheets(Search *s, const Beams *b, const Neighbours *group) {
         const uint32_t count = group->first[k + 1] - group->first[k];
         if (count < 2 || count > FEW_FACETS) continue;
         Candidate *c = store->candidate.data + group->first[k];
-        uint32_t nearest = 0;
-        for (uint32_t i = 1; i < count; i++)
-            if (c[i].most > c[nearest].most || (c[i].most == c[nearest].most && c[i].triangle < c[nearest].triangle))
-                nearest = i;
-        const bool turned = store->near.data[c[nearest].near].turned;
-        if (!window_room(store, &store->parts.data, n / 8, &store->parts.room, FEW_FACETS / 8 + 1,
+        const bool turned = c->turned;
+        if (!window_room(store, &store->parts.data, (n + 7) / 8, &store->parts.room, FEW_FACETS / 8 + 1,
                          sizeof *store->parts.data))
             return;
         for (uint32_t i = 0; i < count; i++) {
-            const Near *near = &store->near.data[c[i].near];
-            if (near->turned != turned) continue;
+            if (c[i].turned != turned) continue;
+            const Near *near = &store->near.data[c[i].near / 8];
+            const uint32_t at = c[i].near % 8;
             Parts *p = &store->parts.data[n / 8];
             for (int e = 0; e < 3; e++) {
-                double u[3], v[3];
-                for (int a = 0; a < 3 && !group->alike; a++)
+                double normal[3], u[3], v[3];
+                for (int a = 0; a < 3 && !group->alike; a++) {
+                    normal[a] = near->normal[e][a][at];
                     u[a] = b->row[SLT_BEAM_U + a][k], v[a] = b->row[SLT_BEAM_V + a][k];
-                p->g[e][0][n % 8] = group->alike ? near->along[0][e] : window_dot(near->normal[e], u);
-                p->g[e][1][n % 8] = group->alike ? near->along[1][e] : window_dot(near->normal[e], v);
+                }
+                p->g[e][0][n % 8] = group->alike ? near->along[0][e][at] : window_dot(normal, u);
+                p->g[e][1][n % 8] = group->alike ? near->along[1][e][at] : window_dot(normal, v);
                 p->g[e][2][n % 8] = c[i].c[e];
             }
             c[i].part = n++;

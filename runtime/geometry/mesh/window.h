@@ -19,28 +19,33 @@ typedef struct Rectangle {
     double lo[2], hi[2];
 } Rectangle;
 
-/* A triangle that windows of one eye may see. */
+/* Eight triangles that windows of one eye may see, those whose bit is in `there`. */
 typedef struct Near {
-    double normal[3][3]; /* of each edge: d . normal is g, positive inside */
-    double depth[3];     /* d . depth is 1 / t; of far eyes less that of the plane through the origin across the eye */
-    double base[4];      /* of far eyes: what normals and depth times the way from the eye to the origin are */
-    double lo[2], hi[2]; /* where it lies in the window that it was listed for */
-    double along[2][4];  /* normals and depth times that window's u and v */
-    double spread[2][4]; /* what these add at a window's corners: the least and the most. Adding rounds alike whichever
-                            is added, so what is least here is least of the sums */
-    int32_t triangle;
-    bool turned; /* edges run from their second corner to their first for g to be positive inside */
+    _Alignas(64) double normal[3][3][8]; /* of each edge: d . normal is g, positive inside */
+    double depth[3][8]; /* d . depth is 1 / t; of far eyes less that of the plane through the origin across the eye */
+    double base[4][8];  /* of far eyes: what normals and depth times the way from the eye to the origin are */
+    double lo[2][8], hi[2][8]; /* where they lie in the window that they were listed for */
+    double along[2][4][8];     /* normals and depth times that window's u and v */
+    double spread[2][4][8];    /* what these add at a window's corners: the least and the most. Adding rounds alike
+                                  whichever    is added, so what is least here is least of the sums */
+    int32_t triangle[8];
+    uint8_t there, turned; /* turned: edges run from their second corner to their first for g to be positive inside */
 } Near;
 
-/* One that the window of a lane may see. */
+/* What the windows of eight lanes have of a triangle. */
+typedef struct Found {
+    _Alignas(64) double least[8], most[8]; /* of 1 / t at the window's corners */
+    double c[4][8];                        /* g of its edges, and 1 / t, at the first corner */
+    uint32_t near;                         /* its number: 8 times that of its eight, and which of them */
+} Found;
+
+/* A triangle that the window of a lane may see. */
 typedef struct Candidate {
-    double least, most; /* of 1 / t at the window's corners */
-    double c[3];        /* g of its edges at the first corner */
+    _Alignas(64) double least, most, c[4]; /* Found */
     int32_t triangle;
-    uint32_t near; /* its number */
+    uint32_t near;
     uint32_t part; /* of sheets: where it was measured (sheet.inc.h) */
-    uint8_t lane;
-    bool fills; /* all of the window */
+    bool turned;
 } Candidate;
 
 /* The same where that is not all there is to say. */
@@ -115,7 +120,11 @@ typedef struct Store {
     Held held;
     ROW(int32_t) list;
     ROW(Near) near;
-    ROW(Candidate) found, candidate;
+    ROW(Found) found;    /* of a row of eight lanes */
+    ROW(uint8_t) met;    /* which of them */
+    ROW(uint32_t) order; /* of what a lane has found */
+    ROW(double) most;    /* the same */
+    ROW(Candidate) candidate;
     ROW(Parts) parts;
     ROW(Facet) facet;
     ROW(uint32_t) chosen; /* facets of a part of the window */
@@ -130,7 +139,10 @@ typedef struct Store {
 } Store;
 
 /* Room for `more`; false: there is none, which the store remembers. */
-bool window_room(Store *s, void *row, uint32_t n, uint32_t *room, uint32_t more, size_t size);
+bool window_more_room(Store *s, void *row, uint32_t n, uint32_t *room, uint32_t more, size_t size);
+static inline bool window_room(Store *s, void *row, uint32_t n, uint32_t *room, uint32_t more, size_t size) {
+    return n + more <= *room || window_more_room(s, row, n, room, more, size);
+}
 #define PUSH(store, row, value) \
     (window_room(store, &(row).data, (row).n, &(row).room, 1, sizeof *(row).data) \
          ? ((row).data[(row).n++] = (value), true) \
@@ -155,7 +167,7 @@ typedef struct Beams {
     /* Behind them the corner once more: BEAM_Q from the origin, BEAM_OWN 1, where the eye is far from the mesh and the
      * window is not; elsewhere BEAM_Q is from the eye, BEAM_OWN 0. For all that is linear in directions the corner
      * counts BEAM_Q + BEAM_OWN * (the origin from the eye), of which the second part is the triangle's (Near.base). */
-    double row[BEAM_ALL][LANES];
+    _Alignas(64) double row[BEAM_ALL][LANES];
     uint64_t mask, far; /* far: the eye is */
 } Beams;
 #define FAR_EYE 8.0 /* times the mesh's largest coordinate */
@@ -164,13 +176,19 @@ typedef struct Beams {
 /* Where they lie in one of them. */
 typedef struct Places {
     uint64_t ahead; /* of which that can be said */
-    double lo[2][LANES], hi[2][LANES];
+    uint64_t alike; /* whose u and v are the same */
+    _Alignas(64) double lo[2][LANES], hi[2][LANES];
+    Rectangle all; /* around those of the mask from that window on */
+    double area;   /* of these */
 } Places;
 
-/* Windows from `base` to `last`, which are looked through together; candidates of lane k are those from first[k] on. */
+/* Windows from `base` to `last`, which are looked through together; candidates of lane k are those from first[k] on,
+ * nearest first unless they are more than FEW_FACETS. */
 typedef struct Neighbours {
     uint32_t base, last;
-    bool alike; /* all have the same u and v */
+    bool alike;              /* all have the same u and v */
+    uint64_t whole;          /* lanes with nothing but triangle[k], which fills the window */
+    int32_t triangle[LANES]; /* of these */
     uint32_t first[LANES + 1];
 } Neighbours;
 
@@ -178,7 +196,7 @@ typedef struct Neighbours {
 typedef struct FacetSearch {
     /* Windows as the search takes them. */
     void (*read)(Beams *b, bool f64, const void *rays, uint64_t mask, uint32_t width, double magnitude);
-    void (*place)(const Window *window, const Beams *b, uint32_t width, Places *out);
+    void (*place)(const Window *window, const Beams *b, uint32_t base, uint32_t width, Places *out);
     /* Fills store->near with the triangles in a rectangle of the window. */
     void (*list)(Search *s, const Window *window, const Rectangle *r);
     /* Fills store->candidate with those of them that the windows may see. */
@@ -216,26 +234,26 @@ static inline void window_facets(const Search *s, uint32_t n) {
     Store *store = s->store;
     for (; store->facet.n < n; store->facet.n++) {
         const Candidate *c = &s->candidate[store->facet.n];
-        const Near *near = &store->near.data[c->near];
+        const Near *near = &store->near.data[c->near / 8];
+        const uint32_t i = c->near % 8;
         Facet *f = &store->facet.data[store->facet.n];
         for (int k = 0; k < 4; k++) {
-            const double *normal = k < 3 ? near->normal[k] : near->depth;
-            double *to = k < 3 ? f->g[k] : f->depth;
-            to[0] = s->alike ? near->along[0][k] : window_dot(normal, s->window.u);
-            to[1] = s->alike ? near->along[1][k] : window_dot(normal, s->window.v);
-            to[2] = window_dot(normal, s->window.q);
-            if (s->window.far) to[2] += s->window.own * near->base[k];
+            double *to = k < 3 ? f->g[k] : f->depth, normal[3];
+            for (int a = 0; a < 3; a++) normal[a] = k < 3 ? near->normal[k][a][i] : near->depth[a][i];
+            to[0] = s->alike ? near->along[0][k][i] : window_dot(normal, s->window.u);
+            to[1] = s->alike ? near->along[1][k][i] : window_dot(normal, s->window.v);
+            to[2] = c->c[k];
         }
-        f->most = c->most, f->triangle = c->triangle, f->turned = near->turned;
+        f->most = c->most, f->triangle = c->triangle, f->turned = c->turned;
     }
 }
 
 /* told.c */
 Store *told_store(void); /* of the thread; NULL: out of memory */
 void told_whole(Search *s, int32_t triangle);
-/* Of n candidates, at most FEW_FACETS, by numbers, nearest first. False: they are not one sheet in front of all
- * others, and nothing is told. */
-bool told_sheet(Search *s, const Candidate *c, uint32_t n, const uint8_t *order);
+/* Of n candidates, at most FEW_FACETS, nearest first. False: they are not one sheet in front of all others, and
+ * nothing is told. */
+bool told_sheet(Search *s, const Candidate *c, uint32_t n);
 void told_piece(Search *s, const Polygon *p);
 
 #endif
