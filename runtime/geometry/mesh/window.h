@@ -53,6 +53,7 @@ typedef struct Facet {
     double g[3][3], depth[3];
     double most;         /* of 1 / t at the window's corners */
     double lo[2], hi[2]; /* where it lies, if the window is halved */
+    uint32_t own;        /* where its polygon is, if nothing crosses */
     int32_t triangle;
     bool turned;
 } Facet;
@@ -96,6 +97,11 @@ typedef struct Polygon {
     uint32_t side[CORNERS];
 } Polygon;
 
+/* Around eight polygons of the row: nothing of one that has been taken out. */
+typedef struct Extents {
+    _Alignas(64) double lo[2][8], hi[2][8], area[8];
+} Extents;
+
 #define ROW(type) \
     struct { \
         type *data; \
@@ -129,8 +135,9 @@ typedef struct Store {
     ROW(Facet) facet;
     ROW(uint32_t) chosen; /* facets of a part of the window */
     ROW(Crossing) crossing;
-    ROW(Polygon) piece; /* number 0 is none */
-    ROW(uint32_t) live; /* those of the row */
+    ROW(Polygon) piece;   /* number 0 is none */
+    ROW(uint32_t) live;   /* those of the row */
+    ROW(Extents) extents; /* of these: n, of how many */
     ROW(OutlineBeam) beam;
     ROW(OutlineRow) outline; /* of pieces, by unit */
     ROW(OutlinePlace) corner;
