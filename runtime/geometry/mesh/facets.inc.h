@@ -1,4 +1,4 @@
-/* Triangles that windows may see, eight at a time. Include behind beams.inc.h.
+/* Triangles that windows may see, eight at a time. Include behind sheet.inc.h.
  *
  * What is listed for several windows of one eye does not decide what one of them sees: `survey` asks each triangle
  * again, by arithmetic of the window alone. */
@@ -67,8 +67,6 @@ INLINE void corners_of(const Search *s, const double eye[3], uint32_t leaf, cons
         }
     memcpy(p, at, sizeof at);
 }
-
-INLINE D8 which(L8 m, D8 a, D8 b) { return (D8)((m & (L8)a) | (~m & (L8)b)); }
 
 /* Of triangles seen from the eye. Their planes are of differences of corners: products of corners cancel by the square
  * of how far they are, measured in triangles. A line's normal is any of its points times its direction: the nearer end,
@@ -251,6 +249,7 @@ typedef struct Row {
     D8 q[3], own, u[3], v[3];
     D8 hidden;                /* 1 / t of what fills the window is at least this */
     D8 filling, most, others; /* of what that is: its number, the most of its 1 / t, and that of all others */
+    D8 facing[2];             /* the most of 1 / t of those which are not turned, and of those which are */
 } Row;
 
 /* Of d . n at the corners of the windows of eight lanes. */
@@ -294,13 +293,16 @@ INLINE void meet_row(Store *store, const Places *lie, uint32_t near, uint32_t i,
     filling &= some & less(row->hidden, least);
     const D8 other = chosen(filling, row->most, chosen(some, most, row->others));
     keep_max(&row->others, &other);
+    const uint32_t turned = t->turned >> i & 1;
+    const D8 its = chosen(some, most, row->facing[turned]);
+    keep_max(&row->facing[turned], &its);
     row->hidden = chosen(filling, least, row->hidden), row->most = chosen(filling, most, row->most);
     row->filling = chosen(filling, all_D8(8 * near + i), row->filling);
     store->met.data[store->found.n] = (uint8_t)some;
     Found *to = &store->found.data[store->found.n++];
     *(Wide *)to->least = least, *(Wide *)to->most = most;
-    for (int e = 0; e < 4; e++) *(Wide *)to->c[e] = first[e];
-    to->near = 8 * near + i;
+    for (int e = 0; e < 3; e++) *(Wide *)to->c[e] = first[e];
+    to->near = 8 * near + i, to->turned = turned;
 }
 
 /* Of the n numbers most[], from the greatest on, of equal ones the lower triangle first, which place has number i? */
@@ -322,29 +324,39 @@ INLINE uint32_t place_of(const Store *store, uint32_t n, uint32_t i) {
     return before;
 }
 
-/* Adds what the window of lane i of the row may see to the candidates. */
-static void add_candidates(Store *store, uint32_t i) {
+/* Adds what the window of lane i of the row has met to the candidates of lane k, and, for what may be one sheet, to the
+ * parts, of which there are *parts (sheet.inc.h). */
+INLINE void add_candidates(Search *s, const Beams *b, Neighbours *group, uint32_t k, uint32_t i, uint32_t *parts) {
+    Store *store = s->store;
     uint32_t n = 0;
-    for (uint32_t k = 0; k < store->found.n; k += 64)
-        for (uint64_t who = column(&store->met.data[k], i); who; who &= who - 1) {
-            const uint32_t number = k + (uint32_t)__builtin_ctzll(who);
+    for (uint32_t at = 0; at < store->found.n; at += 64)
+        for (uint64_t who = column(&store->met.data[at], i); who; who &= who - 1) {
+            const uint32_t number = at + (uint32_t)__builtin_ctzll(who);
             store->order.data[n] = number, store->most.data[n++] = store->found.data[number].most[i];
         }
-    for (uint32_t k = n; k % 8; k++) store->most.data[k] = -HUGE_VAL;
+    for (uint32_t at = n; at % 8; at++) store->most.data[at] = -HUGE_VAL;
+    group->first[k] = store->candidate.n;
     if (!window_room(store, &store->candidate.data, store->candidate.n, &store->candidate.room, n,
                      sizeof *store->candidate.data))
         return;
     Candidate *to = store->candidate.data + store->candidate.n;
-    for (uint32_t k = 0; k < n; k++) {
-        const Found *f = &store->found.data[store->order.data[k]];
+    if (parts && (n > FEW_FACETS || !window_room(store, &store->parts.data, (*parts + 7) / 8, &store->parts.room,
+                                                 FEW_FACETS / 8 + 1, sizeof *store->parts.data)))
+        parts = NULL;
+    for (uint32_t at = 0; at < n; at++) {
+        const Found *f = &store->found.data[store->order.data[at]];
         const Near *near = &store->near.data[f->near / 8];
-        Candidate *c = &to[n <= FEW_FACETS ? place_of(store, n, k) : k];
-        c->least = f->least[i], c->most = f->most[i];
-        for (int e = 0; e < 4; e++) c->c[e] = f->c[e][i];
-        c->triangle = near->triangle[f->near % 8], c->near = f->near;
-        c->turned = near->turned >> f->near % 8 & 1;
+        to[n <= FEW_FACETS ? place_of(store, n, at) : at] = (Candidate){.least = f->least[i],
+                                                                        .most = f->most[i],
+                                                                        .triangle = near->triangle[f->near % 8],
+                                                                        .near = f->near,
+                                                                        .part = parts ? *parts : 0,
+                                                                        .turned = f->turned};
+        if (!parts) continue;
+        for (int e = 0; e < 3; e++) set_part(s, near, f->near % 8, b, k, group->alike, e, f->c[e][i], *parts);
+        ++*parts;
     }
-    store->candidate.n += n;
+    store->candidate.n += n, group->count[k] = n;
 }
 
 /* What the windows of the row may see; false: out of memory. */
@@ -356,7 +368,8 @@ static bool find_in_row(Store *store, const Beams *b, const Places *lie, uint32_
         row->u[a] = *(const Wide *)&b->row[SLT_BEAM_U + a][k], row->v[a] = *(const Wide *)&b->row[SLT_BEAM_V + a][k];
     }
     row->own = *(const Wide *)&b->row[BEAM_OWN][k];
-    row->hidden = row->most = row->others = all_D8(-HUGE_VAL), row->filling = all_D8(0);
+    row->hidden = row->most = row->others = row->facing[0] = row->facing[1] = all_D8(-HUGE_VAL);
+    row->filling = all_D8(0);
     for (int a = 0; a < 2; a++) {
         lo[a] = least_of(chosen(on, *(const Wide *)&lie->lo[a][k], all_D8(HUGE_VAL)));
         hi[a] = -least_of(-chosen(on, *(const Wide *)&lie->hi[a][k], all_D8(-HUGE_VAL)));
@@ -383,27 +396,49 @@ static void survey(Search *s, const Beams *b, const Places *lie, Neighbours *gro
     const bool far = b->far >> group->base & 1; /* they share their eye */
     const uint32_t end = group->last + 1;
     const uint64_t who = b->mask & LOW_BITS(end) & ~0ull << group->base;
+    uint32_t parts = 0;
     store->candidate.n = 0, group->whole = 0;
     for (uint32_t k = group->base / 8 * 8; k < end; k += 8) {
         const uint32_t on = (uint32_t)(who >> k) & 255;
         Row row;
-        uint32_t open = on && find_in_row(store, b, lie, k, on, group->alike, far, &row) && store->found.n ? on : 0;
-        if (open) {
-            const uint32_t whole = less(row.others, row.hidden) & on;
+        for (uint32_t i = 0; i < 8; i++) group->count[k + i] = 0;
+        if (!on || !find_in_row(store, b, lie, k, on, group->alike, far, &row) || !store->found.n) continue;
+        const uint32_t whole = less(row.others, row.hidden) & on;
+        group->whole |= (uint64_t)whole << k;
+        if (whole) {
             double filling[8];
             memcpy(filling, &row.filling, sizeof filling);
-            open &= ~whole, group->whole |= (uint64_t)whole << k;
             for (uint32_t left = whole; left; left &= left - 1) {
                 const uint32_t i = (uint32_t)__builtin_ctz(left), number = (uint32_t)filling[i];
                 group->triangle[k + i] = store->near.data[number / 8].triangle[number % 8];
             }
-            for (uint32_t i = 0; i < store->found.n && open; i++)
-                store->met.data[i] &= (uint8_t)~less(*(const Wide *)store->found.data[i].most, row.hidden);
         }
-        for (uint32_t i = 0; i < 8; i++) {
-            group->first[k + i] = store->candidate.n;
-            if (open >> i & 1) add_candidates(store, i);
+        if (whole == on) continue;
+        const uint32_t facing[2] = {less(row.facing[1], row.facing[0]), less(row.facing[0], row.facing[1])};
+        for (uint32_t i = 0; i < store->found.n; i++) {
+            const Found *f = &store->found.data[i];
+            /* Where none is nearest, as the others reach as far, it is no sheet: any will do. */
+            const uint32_t its = f->turned ? ~facing[0] : ~facing[1];
+            store->met.data[i] &= (uint8_t)(its & ~less(*(const Wide *)f->most, row.hidden));
+        }
+        const D8 others = chosen(facing[1], row.facing[0], row.facing[1]);
+        *(Wide *)&group->others[k] = chosen(less(others, row.hidden), all_D8(-HUGE_VAL), others);
+        for (uint32_t open = on & ~whole; open; open &= open - 1) {
+            const uint32_t i = (uint32_t)__builtin_ctz(open);
+            add_candidates(s, b, group, k + i, i, &parts);
+            if (!((facing[0] | facing[1]) >> i & 1)) group->others[k + i] = HUGE_VAL;
         }
     }
-    group->first[end] = store->candidate.n;
+    measure_sheets(s, parts);
+}
+
+static void survey_all(Search *s, const Beams *b, const Places *lie, Neighbours *group, uint32_t lane) {
+    Store *store = s->store;
+    const uint32_t k = lane / 8 * 8, i = lane % 8;
+    Row row;
+    group->count[lane] = 0;
+    if (!find_in_row(store, b, lie, k, 1u << i, group->alike, b->far >> lane & 1, &row)) return;
+    for (uint32_t f = 0; f < store->found.n; f++)
+        store->met.data[f] &= (uint8_t)~less(*(const Wide *)store->found.data[f].most, row.hidden);
+    add_candidates(s, b, group, lane, i, NULL);
 }

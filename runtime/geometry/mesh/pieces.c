@@ -141,7 +141,6 @@ static __attribute__((noinline)) void keep_beam(Search *s) {
 
 static void look_through(Search *s, const Beams *b, uint32_t lane, Candidate *c, uint32_t n) {
     Store *store = s->store;
-    if (n >= 2 && n <= FEW_FACETS && !s->scene->outlined && told_sheet(s, c, n)) return;
     if (n > FEW_FACETS) qsort(c, n, sizeof *c, nearest_first);
     store->facet.n = store->chosen.n = 0;
     if (!window_room(store, &store->facet.data, 0, &store->facet.room, n, sizeof *store->facet.data) ||
@@ -201,17 +200,21 @@ bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint3
         scene->facets->place(&window, &beams, base, width, &lie);
         neighbours(&beams, base, width, &lie, &all, &group);
         scene->facets->list(&s, &window, &all);
-        if (s.store->near.n) scene->facets->survey(&s, &beams, &lie, &group);
-        if (s.store->near.n && !scene->outlined) scene->facets->sheets(&s, &beams, &group);
         s.alike = group.alike;
+        if (s.store->near.n) scene->facets->survey(&s, &beams, &lie, &group);
         for (uint32_t k = base; k <= group.last && s.store->near.n; k++) {
-            const uint32_t n = group.first[k + 1] - group.first[k];
             const bool whole = group.whole >> k & 1;
+            const uint32_t n = group.count[k];
             if (!n && !whole) continue;
             s.first = s.last = 0;
             if (scene->outlined) window_set(&s.window, &beams, k), keep_beam(&s);
-            if (whole) told_whole(&s, group.triangle[k]);
-            else look_through(&s, &beams, k, s.store->candidate.data + group.first[k], n);
+            if (whole) {
+                told_whole(&s, group.triangle[k]);
+            } else if (scene->outlined || n > FEW_FACETS ||
+                       !told_sheet(&s, s.store->candidate.data + group.first[k], n, group.others[k])) {
+                scene->facets->survey_all(&s, &beams, &lie, &group, k);
+                look_through(&s, &beams, k, s.store->candidate.data + group.first[k], group.count[k]);
+            }
             witness[k] = (int32_t)s.first;
         }
         beams.mask &= group.last == LANES - 1 ? 0 : ~0ull << (group.last + 1);

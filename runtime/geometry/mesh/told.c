@@ -252,33 +252,25 @@ static void tell_part(Search *s, const Candidate *c) {
     tell(s, c->triangle, p->area[i], p->centre[0][i], p->centre[1][i], sides);
 }
 
-bool told_sheet(Search *s, const Candidate *all, uint32_t n) {
+bool told_sheet(Search *s, const Candidate *c, uint32_t n, double others) {
     const Store *store = s->store;
-    const bool turned = all[0].turned;
-    double area = 0, least = HUGE_VAL, most = -HUGE_VAL; /* of these; of others before they cover all */
-    uint64_t open = 0;                                   /* 0: each part of an edge has its other side */
-    uint8_t chosen[FEW_FACETS];
+    double area = 0, least = HUGE_VAL;
+    uint64_t open = 0; /* 0: each part of an edge has its other side */
     uint32_t count = 0;
     if (store->lost) return false; /* some have not been measured */
-    for (uint32_t i = 0; i < n; i++) {
-        const Candidate *c = &all[i];
-        if (area >= 1 - COVERED || c->turned != turned) {
-            if (c->most > most) most = c->most;
-            if (area >= 1 - COVERED) break;
-            continue;
-        }
-        const Parts *p = &store->parts.data[c->part / 8];
-        const uint32_t bit = c->part % 8;
-        const int32_t *corner = s->scene->tree.bvh->face + 3 * (size_t)c->triangle;
+    for (; count < n && !(area >= 1 - COVERED); count++) {
+        const Parts *p = &store->parts.data[c[count].part / 8];
+        const uint32_t bit = c[count].part % 8;
+        const int32_t *corner = s->scene->tree.bvh->face + 3 * (size_t)c[count].triangle;
         if (!(p->good >> bit & 1)) return false;
         /* All of them are turned alike, so edges need not be. */
         for (uint32_t k = 0; k < 3; k++)
             open += number_of(corner[k], corner[k < 2 ? k + 1 : 0]) & -(uint64_t)(p->there[k] >> bit & 1);
-        area += p->area[bit], chosen[count++] = (uint8_t)i;
-        if (c->least < least) least = c->least;
+        area += p->area[bit];
+        if (c[count].least < least) least = c[count].least;
     }
-    if (!(fabs(area - 1) <= COVERED) || open || most > least) return false;
-    for (uint32_t i = 0; i < count; i++) tell_part(s, &all[chosen[i]]);
+    if (!(fabs(area - 1) <= COVERED) || open || others > least || (count < n && c[count].most > least)) return false;
+    for (uint32_t i = 0; i < count; i++) tell_part(s, &c[i]);
     return true;
 }
 

@@ -35,17 +35,18 @@ typedef struct Near {
 /* What the windows of eight lanes have of a triangle. */
 typedef struct Found {
     _Alignas(64) double least[8], most[8]; /* of 1 / t at the window's corners */
-    double c[4][8];                        /* g of its edges, and 1 / t, at the first corner */
+    double c[3][8];                        /* g of its edges at the first corner */
     uint32_t near;                         /* its number: 8 times that of its eight, and which of them */
+    uint32_t turned;
 } Found;
 
 /* A triangle that the window of a lane may see. */
 typedef struct Candidate {
-    _Alignas(64) double least, most, c[4]; /* Found */
+    double least, most; /* Found */
     int32_t triangle;
     uint32_t near;
     uint32_t part; /* of sheets: where it was measured (sheet.inc.h) */
-    bool turned;
+    uint32_t turned;
 } Candidate;
 
 /* The same where that is not all there is to say. */
@@ -189,14 +190,15 @@ typedef struct Places {
     double area;   /* of these */
 } Places;
 
-/* Windows from `base` to `last`, which are looked through together; candidates of lane k are those from first[k] on,
- * nearest first unless they are more than FEW_FACETS. */
+/* Windows from `base` to `last`, which are looked through together. Of a lane first the triangles that face as the
+ * nearest does are known: candidates from first[k] on, nearest first unless they are more than FEW_FACETS. */
 typedef struct Neighbours {
     uint32_t base, last;
     bool alike;              /* all have the same u and v */
     uint64_t whole;          /* lanes with nothing but triangle[k], which fills the window */
     int32_t triangle[LANES]; /* of these */
-    uint32_t first[LANES + 1];
+    uint32_t first[LANES], count[LANES];
+    double others[LANES]; /* the most of 1 / t of those which face the other way */
 } Neighbours;
 
 /* beams.inc.h, facets.inc.h, cover.inc.h */
@@ -206,10 +208,11 @@ typedef struct FacetSearch {
     void (*place)(const Window *window, const Beams *b, uint32_t base, uint32_t width, Places *out);
     /* Fills store->near with the triangles in a rectangle of the window. */
     void (*list)(Search *s, const Window *window, const Rectangle *r);
-    /* Fills store->candidate with those of them that the windows may see. */
+    /* Fills store->candidate with those of them that the windows may see and that face as the nearest does, and
+     * measures them: they may be one sheet. */
     void (*survey)(Search *s, const Beams *b, const Places *lie, Neighbours *n);
-    /* Measures what of them may be one sheet across a window. */
-    void (*sheets)(Search *s, const Beams *b, const Neighbours *n);
+    /* Adds all that the window of one lane may see. */
+    void (*survey_all)(Search *s, const Beams *b, const Places *lie, Neighbours *n, uint32_t lane);
     /* store->live becomes what is seen in a rectangle of facets chosen[from], ..., nearest first. */
     void (*cover)(Search *s, const Rectangle *r, uint32_t from, uint32_t n);
     /* What lies on either side of the line g = 0; in: where it is positive. */
@@ -249,18 +252,19 @@ static inline void window_facets(const Search *s, uint32_t n) {
             for (int a = 0; a < 3; a++) normal[a] = k < 3 ? near->normal[k][a][i] : near->depth[a][i];
             to[0] = s->alike ? near->along[0][k][i] : window_dot(normal, s->window.u);
             to[1] = s->alike ? near->along[1][k][i] : window_dot(normal, s->window.v);
-            to[2] = c->c[k];
+            to[2] = window_dot(normal, s->window.q);
+            if (s->window.far) to[2] += s->window.own * near->base[k][i];
         }
-        f->most = c->most, f->triangle = c->triangle, f->turned = c->turned;
+        f->most = c->most, f->triangle = c->triangle, f->turned = c->turned != 0;
     }
 }
 
 /* told.c */
 Store *told_store(void); /* of the thread; NULL: out of memory */
 void told_whole(Search *s, int32_t triangle);
-/* Of n candidates, at most FEW_FACETS, nearest first. False: they are not one sheet in front of all others, and
- * nothing is told. */
-bool told_sheet(Search *s, const Candidate *c, uint32_t n);
+/* Of n candidates, at most FEW_FACETS, nearest first, that face alike; others: the most of 1 / t of those which do not.
+ * False: they are not one sheet in front of all others, and nothing is told. */
+bool told_sheet(Search *s, const Candidate *c, uint32_t n, double others);
 void told_piece(Search *s, const Polygon *p);
 
 #endif
