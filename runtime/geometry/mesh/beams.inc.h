@@ -91,7 +91,7 @@ INLINE uint32_t same(D8 a, double b) { return upto(a, all_D8(b)) & upto(all_D8(b
 
 static void place(const Window *w, const Beams *b, uint32_t base, uint32_t width, Places *out) {
     const uint64_t who = b->mask & ~0ull << base;
-    D8 lo_all[2] = {all_D8(0), all_D8(0)}, hi_all[2] = {all_D8(1), all_D8(1)}, area = {0};
+    D8 lo_all[2] = {all_D8(HUGE_VAL), all_D8(HUGE_VAL)}, hi_all[2] = {all_D8(-HUGE_VAL), all_D8(-HUGE_VAL)}, area = {0};
     out->ahead = out->alike = 0;
     for (uint32_t k = 0; k < width; k += 8) {
         const uint32_t on = (uint32_t)(who >> k) & 255;
@@ -108,6 +108,13 @@ static void place(const Window *w, const Beams *b, uint32_t base, uint32_t width
             D8 first, s, t;
             dot8(c, w->plane[i], &first), dot8(u, w->plane[i], &s), dot8(v, w->plane[i], &t);
             at[i][0] = first, at[i][1] = first + s, at[i][2] = first + t, at[i][3] = first + s + t;
+        }
+        if (w->per_power > 0) {
+            const L8 power = (L8)(at[2][0] * w->per_power) & POWER_OF_TWO;
+            ahead &= bits_D8(power == w->power) | ~alike;
+            D8 square;
+            square = c[0] * c[0] + c[1] * c[1] + c[2] * c[2];
+            ahead &= upto(square, GRAZING * w->per_power * at[2][0] * at[2][0]) | ~alike;
         }
         for (int q = 0; q < 4; q++) {
             const D8 inverse = 1 / at[2][q];

@@ -155,45 +155,61 @@ INLINE uint32_t in_rectangle(const Window *w, const Rectangle *r, const D8 at[3]
 
 /* Makes of those that wait what windows are asked with. */
 static void add_near(Search *s, const Window *w, Waiting *from) {
+    typedef struct {
+        D8 normal[4][3], spread[4][2], along[4][2], base[4];
+    } Columns;
+    union {
+        Columns column;
+        double at[sizeof(Columns) / sizeof(D8)][8];
+    } made;
+    Columns *c = &made.column;
     Store *store = s->store;
     if (!from->n ||
-        !window_room(store, &store->near.data, store->near.n, &store->near.room, 1, sizeof *store->near.data))
+        !window_room(store, &store->near.data, store->near.n, &store->near.room, 8, sizeof *store->near.data) ||
+        !window_room(store, &store->boxes.data, (store->near.n + 7) / 8, &store->boxes.room, 2,
+                     sizeof *store->boxes.data))
         return;
-    Near *to = &store->near.data[store->near.n];
-    D8 at[3][3], normal[3][3], sum[3], base[4], det, size;
+    D8 at[3][3], normal[3][3], det, size;
     for (int k = 0; k < 3; k++)
         for (int a = 0; a < 3; a++) {
             for (uint32_t i = from->n; i < 8; i++) from->at[k][a][i] = from->at[k][a][0];
             at[k][a] = *(const Wide *)from->at[k][a];
         }
-    if (w->far) lines_far((const D8(*)[3])at, w->eye, normal, sum, base, &det);
-    else lines_near((const D8(*)[3])at, normal, sum, &det);
+    if (w->far) lines_far((const D8(*)[3])at, w->eye, normal, c->normal[3], c->base, &det);
+    else lines_near((const D8(*)[3])at, normal, c->normal[3], &det);
     size_of(&det, &size);
-    const L8 back = det < 0, good = (size > 0) & (size <= DBL_MAX);
-    to->there = (uint8_t)(bits_D8(good) & ((1u << from->n) - 1)), to->turned = (uint8_t)bits_D8(back);
-    from->n = 0;
-    if (!to->there) return;
-    store->near.n++;
+    const L8 back = det < 0;
+    const uint32_t good = less(all_D8(0), size) & upto(size, all_D8(DBL_MAX)), turned = bits_D8(back);
     const D8 inverse = 1 / det;
     for (int a = 0; a < 3; a++) {
-        *(Wide *)to->depth[a] = sum[a] *= inverse;
-        for (int k = 0; k < 3; k++)
-            *(Wide *)to->normal[k][a] = normal[k][a] = (D8)((L8)normal[k][a] ^ (back & INT64_MIN));
+        c->normal[3][a] *= inverse;
+        for (int k = 0; k < 3; k++) c->normal[k][a] = (D8)((L8)normal[k][a] ^ (back & INT64_MIN));
     }
     for (int k = 0; k < 4 && w->far; k++)
-        *(Wide *)to->base[k] = k < 3 ? (D8)((L8)base[k] ^ (back & INT64_MIN)) : base[k] * inverse;
+        c->base[k] = k < 3 ? (D8)((L8)c->base[k] ^ (back & INT64_MIN)) : c->base[k] * inverse;
     for (int k = 0; k < 4; k++) {
         D8 add[3], least = {0}, most = {0};
-        dot8(k < 3 ? normal[k] : sum, w->u, &add[0]);
-        dot8(k < 3 ? normal[k] : sum, w->v, &add[1]);
+        dot8(c->normal[k], w->u, &add[0]), dot8(c->normal[k], w->v, &add[1]);
         add[2] = add[0] + add[1];
         for (int q = 0; q < 3; q++) keep_min(&least, &add[q]), keep_max(&most, &add[q]);
-        *(Wide *)to->along[0][k] = add[0], *(Wide *)to->along[1][k] = add[1];
-        *(Wide *)to->spread[0][k] = least, *(Wide *)to->spread[1][k] = most;
+        c->along[k][0] = add[0], c->along[k][1] = add[1];
+        c->spread[k][0] = least, c->spread[k][1] = most;
     }
-    for (int i = 0; i < 2; i++)
-        *(Wide *)to->lo[i] = *(const Wide *)from->lo[i], *(Wide *)to->hi[i] = *(const Wide *)from->hi[i];
-    memcpy(to->triangle, from->triangle, sizeof to->triangle);
+    for (uint32_t left = good & ((1u << from->n) - 1); left; left &= left - 1) {
+        const uint32_t i = (uint32_t)__builtin_ctz(left), n = store->near.n++;
+        Near *to = &store->near.data[n];
+        NearBoxes *box = &store->boxes.data[n / 8];
+        const double(*column)[8] = (const double(*)[8])made.at;
+        for (int k = 0; k < 4; k++) {
+            for (int a = 0; a < 3; a++) to->normal[k][a] = column[3 * k + a][i];
+            for (int a = 0; a < 2; a++) to->spread[k][a] = column[12 + 2 * k + a][i];
+            for (int a = 0; a < 2; a++) to->along[k][a] = column[20 + 2 * k + a][i];
+            if (w->far) to->base[k] = column[28 + k][i];
+        }
+        to->triangle = from->triangle[i], to->turned = turned >> i & 1;
+        for (int a = 0; a < 2; a++) box->lo[a][n % 8] = from->lo[a][i], box->hi[a][n % 8] = from->hi[a][i];
+    }
+    from->n = 0;
 }
 
 /* Those of a leaf's triangles that lie in the rectangle. Of a leaf few do, so they are gathered. */
@@ -242,6 +258,7 @@ static void list(Search *s, const Window *w, const Rectangle *r) {
     waiting.n = 0;
     for (uint32_t i = 0; i < store->list.n; i++) add_leaf(s, w, r, (uint32_t)store->list.data[i], &waiting);
     add_near(s, w, &waiting);
+    for (uint32_t i = store->near.n; i % 8; i++) store->boxes.data[i / 8].lo[0][i % 8] = HUGE_VAL;
 }
 
 /* Windows of eight lanes, what hides what they may see, and what may be all that one sees. */
@@ -252,40 +269,39 @@ typedef struct Row {
     D8 facing[2];             /* the most of 1 / t of those which are not turned, and of those which are */
 } Row;
 
-/* Of d . n at the corners of the windows of eight lanes. */
-INLINE void range_of(const double *const n[3], const double *base, const Row *row, bool alike, double below,
-                     double above, D8 *first, D8 *least, D8 *most) {
-    D8 c = row->q[0] * *n[0] + row->q[1] * *n[1] + row->q[2] * *n[2], s, t;
+/* Of d . n at the corners of the windows of eight lanes; spread: Near. */
+INLINE void range_of(const double n[3], const double *base, const double spread[2], const Row *row, bool alike,
+                     D8 *first, D8 *least, D8 *most) {
+    D8 c, s, t;
+    dot8(row->q, n, &c);
     if (base) c += row->own * *base;
     *first = c;
     if (alike) {
-        *least = c + below, *most = c + above;
+        *least = c + spread[0], *most = c + spread[1];
         return;
     }
     *least = *most = c;
-    s = row->u[0] * *n[0] + row->u[1] * *n[1] + row->u[2] * *n[2];
-    t = row->v[0] * *n[0] + row->v[1] * *n[1] + row->v[2] * *n[2];
+    dot8(row->u, n, &s), dot8(row->v, n, &t);
     D8 at[3] = {s + c, t + c, s + t + c};
     for (int q = 0; q < 3; q++) keep_min(least, &at[q]), keep_max(most, &at[q]);
 }
 
 /* Adds what the windows may see of a triangle. */
-INLINE void meet_row(Store *store, const Places *lie, uint32_t near, uint32_t i, uint32_t k, uint32_t on, bool alike,
-                     bool far, Row *row) {
+INLINE void meet_row(Store *store, const Places *lie, uint32_t near, uint32_t k, uint32_t on, bool alike, bool far,
+                     Row *row) {
     const Near *t = &store->near.data[near];
+    const NearBoxes *box = &store->boxes.data[near / 8];
+    const uint32_t i = near % 8;
     const D8 zero = {0};
-    uint32_t some = on & upto(*(const Wide *)&lie->lo[0][k], all_D8(t->hi[0][i])) &
-                    upto(all_D8(t->lo[0][i]), *(const Wide *)&lie->hi[0][k]) &
-                    upto(*(const Wide *)&lie->lo[1][k], all_D8(t->hi[1][i])) &
-                    upto(all_D8(t->lo[1][i]), *(const Wide *)&lie->hi[1][k]);
+    uint32_t some = on & upto(*(const Wide *)&lie->lo[0][k], all_D8(box->hi[0][i])) &
+                    upto(all_D8(box->lo[0][i]), *(const Wide *)&lie->hi[0][k]) &
+                    upto(*(const Wide *)&lie->lo[1][k], all_D8(box->hi[1][i])) &
+                    upto(all_D8(box->lo[1][i]), *(const Wide *)&lie->hi[1][k]);
     if (!some) return;
     uint32_t filling = some;
     D8 least, most, first[4];
     for (int e = 0; e < 4; e++) {
-        const double *n[3];
-        for (int a = 0; a < 3; a++) n[a] = e < 3 ? &t->normal[e][a][i] : &t->depth[a][i];
-        range_of(n, far ? &t->base[e][i] : NULL, row, alike, t->spread[0][e][i], t->spread[1][e][i], &first[e], &least,
-                 &most);
+        range_of(t->normal[e], far ? &t->base[e] : NULL, t->spread[e], row, alike, &first[e], &least, &most);
         if (e < 3) some &= less(zero, most), filling &= less(zero, least);
     }
     some &= upto(row->hidden, most) & upto(all_D8(-DBL_MAX), least) & upto(most, all_D8(DBL_MAX));
@@ -293,16 +309,15 @@ INLINE void meet_row(Store *store, const Places *lie, uint32_t near, uint32_t i,
     filling &= some & less(row->hidden, least);
     const D8 other = chosen(filling, row->most, chosen(some, most, row->others));
     keep_max(&row->others, &other);
-    const uint32_t turned = t->turned >> i & 1;
-    const D8 its = chosen(some, most, row->facing[turned]);
-    keep_max(&row->facing[turned], &its);
+    const D8 its = chosen(some, most, row->facing[t->turned]);
+    keep_max(&row->facing[t->turned], &its);
     row->hidden = chosen(filling, least, row->hidden), row->most = chosen(filling, most, row->most);
-    row->filling = chosen(filling, all_D8(8 * near + i), row->filling);
+    row->filling = chosen(filling, all_D8(near), row->filling);
     store->met.data[store->found.n] = (uint8_t)some;
     Found *to = &store->found.data[store->found.n++];
     *(Wide *)to->least = least, *(Wide *)to->most = most;
     for (int e = 0; e < 3; e++) *(Wide *)to->c[e] = first[e];
-    to->near = 8 * near + i, to->turned = turned;
+    to->near = near, to->turned = t->turned;
 }
 
 /* Of the n numbers most[], from the greatest on, of equal ones the lower triangle first, which place has number i? */
@@ -318,7 +333,7 @@ INLINE uint32_t place_of(const Store *store, uint32_t n, uint32_t i) {
         for (; equal_; equal_ &= equal_ - 1) {
             const uint32_t a = store->found.data[store->order.data[i]].near,
                            b = store->found.data[store->order.data[k + (uint32_t)__builtin_ctz(equal_)]].near;
-            before += store->near.data[b / 8].triangle[b % 8] < store->near.data[a / 8].triangle[a % 8];
+            before += store->near.data[b].triangle < store->near.data[a].triangle;
         }
     }
     return before;
@@ -345,15 +360,15 @@ INLINE void add_candidates(Search *s, const Beams *b, Neighbours *group, uint32_
         parts = NULL;
     for (uint32_t at = 0; at < n; at++) {
         const Found *f = &store->found.data[store->order.data[at]];
-        const Near *near = &store->near.data[f->near / 8];
+        const Near *near = &store->near.data[f->near];
         to[n <= FEW_FACETS ? place_of(store, n, at) : at] = (Candidate){.least = f->least[i],
                                                                         .most = f->most[i],
-                                                                        .triangle = near->triangle[f->near % 8],
+                                                                        .triangle = near->triangle,
                                                                         .near = f->near,
                                                                         .part = parts ? *parts : 0,
                                                                         .turned = f->turned};
         if (!parts) continue;
-        for (int e = 0; e < 3; e++) set_part(s, near, f->near % 8, b, k, group->alike, e, f->c[e][i], *parts);
+        for (int e = 0; e < 3; e++) set_part(s, near, b, k, group->alike, e, f->c[e][i], *parts);
         ++*parts;
     }
     store->candidate.n += n, group->count[k] = n;
@@ -375,16 +390,18 @@ static bool find_in_row(Store *store, const Beams *b, const Places *lie, uint32_
         hi[a] = -least_of(-chosen(on, *(const Wide *)&lie->hi[a][k], all_D8(-HUGE_VAL)));
     }
     store->found.n = 0;
-    for (uint32_t near = 0; near < store->near.n; near++) {
-        const Near *t = &store->near.data[near];
-        uint32_t in = t->there;
+    for (uint32_t near = 0; near < store->near.n; near += 8) {
+        const NearBoxes *box = &store->boxes.data[near / 8];
+        uint32_t in = 255;
         for (int a = 0; a < 2; a++)
-            in &= upto(all_D8(lo[a]), *(const Wide *)t->hi[a]) & upto(*(const Wide *)t->lo[a], all_D8(hi[a]));
+            in &= upto(all_D8(lo[a]), *(const Wide *)box->hi[a]) & upto(*(const Wide *)box->lo[a], all_D8(hi[a]));
+        if (!in) continue;
         if (!window_room(store, &store->found.data, store->found.n, &store->found.room, 8, sizeof *store->found.data) ||
             !window_room(store, &store->met.data, store->found.n, &store->met.room, 128, 1))
             return false;
-        for (; in; in &= in - 1) meet_row(store, lie, near, (uint32_t)__builtin_ctz(in), k, on, alike, far, row);
+        for (; in; in &= in - 1) meet_row(store, lie, near + (uint32_t)__builtin_ctz(in), k, on, alike, far, row);
     }
+    if (!store->found.n) return true;
     const uint32_t n = store->found.n;
     memset(store->met.data + n, 0, 64);
     return window_room(store, &store->order.data, 0, &store->order.room, n, sizeof *store->order.data) &&
@@ -410,7 +427,7 @@ static void survey(Search *s, const Beams *b, const Places *lie, Neighbours *gro
             memcpy(filling, &row.filling, sizeof filling);
             for (uint32_t left = whole; left; left &= left - 1) {
                 const uint32_t i = (uint32_t)__builtin_ctz(left), number = (uint32_t)filling[i];
-                group->triangle[k + i] = store->near.data[number / 8].triangle[number % 8];
+                group->triangle[k + i] = store->near.data[number].triangle;
             }
         }
         if (whole == on) continue;
@@ -437,7 +454,7 @@ static void survey_all(Search *s, const Beams *b, const Places *lie, Neighbours 
     const uint32_t k = lane / 8 * 8, i = lane % 8;
     Row row;
     group->count[lane] = 0;
-    if (!find_in_row(store, b, lie, k, 1u << i, group->alike, b->far >> lane & 1, &row)) return;
+    if (!find_in_row(store, b, lie, k, 1u << i, group->alike, b->far >> lane & 1, &row) || !store->found.n) return;
     for (uint32_t f = 0; f < store->found.n; f++)
         store->met.data[f] &= (uint8_t)~less(*(const Wide *)store->found.data[f].most, row.hidden);
     add_candidates(s, b, group, lane, i, NULL);

@@ -9,8 +9,15 @@
 #include "saltus/query.h"
 #include "window.h"
 
-enum { HALVINGS = 40 }; /* at most */
+enum {
+    HALVINGS = 40, /* at most */
+    FEW_NEAR = 64, /* triangles listed for windows: for more windows then */
+    MANY_NEAR = 160,
+    MOST_REACH = 15 /* times as many windows */
+};
 #define BESIDE 1e-9 /* by which what lies where is widened, at least */
+#define UNLIKELY 1.37 /* distances are powers of two, but not times this */
+#define UNSTEADY 0.05 /* of several: rows of pixels in single precision are not quite straight */
 #define SPARSE 4.0 /* times the area of windows is what is looked through for them together, at most */
 
 /* ---- windows */
@@ -35,6 +42,23 @@ static void window_set(Window *w, const Beams *b, uint32_t lane) {
         w->q[a] = b->row[BEAM_Q + a][lane];
     }
     w->far = b->far >> lane & 1, w->own = b->row[BEAM_OWN][lane];
+}
+
+/* Windows of one eye with the same sides have one frame, in which it is told where they and triangles lie: a window
+ * across from the eye, about as far as they are, by a power of two. So what a window may see hangs on itself alone,
+ * not on those that are looked through with it. */
+static void window_frame(Window *w, const Beams *b, uint32_t lane) {
+    double n[3];
+    window_set(w, b, lane);
+    window_cross(w->u, w->v, n);
+    const double along = window_dot(w->c, n), per_power = UNLIKELY / window_dot(n, n), at = fabs(along) * per_power;
+    double far;
+    w->per_power = 0, w->power = 0;
+    if (!(at >= 1e-200 && at <= 1e200 && window_dot(w->c, w->c) <= GRAZING * per_power * along * along)) return;
+    memcpy(&w->power, &at, sizeof at);
+    w->power &= POWER_OF_TWO, w->per_power = per_power;
+    memcpy(&far, &w->power, sizeof far);
+    for (int a = 0; a < 3; a++) w->c[a] = (along < 0 ? -far : far) * n[a];
 }
 
 /* Parts of windows are no halves, as windows are put aside (beams.inc.h). */
@@ -162,14 +186,14 @@ static void neighbours(const Beams *b, uint32_t base, uint32_t width, const Plac
                        Neighbours *n) {
     n->base = n->last = base;
     const uint64_t later = b->mask & ~1ull << base;
-    double area = 1;
     if (!(later & ~lie->ahead) && area_of(&lie->all) <= SPARSE * lie->area) {
         *all = lie->all;
         if (later) n->last = 63 - (uint32_t)__builtin_clzll(later);
         n->alike = !(later & ~lie->alike);
         return;
     }
-    *all = (Rectangle){{0, 0}, {1, 1}}, n->alike = true;
+    *all = (Rectangle){{lie->lo[0][base], lie->lo[1][base]}, {lie->hi[0][base], lie->hi[1][base]}}, n->alike = true;
+    double area = area_of(all);
     for (uint32_t k = base + 1; k < width; k++) {
         if (!(b->mask >> k & 1)) continue;
         if (!(lie->ahead >> k & 1)) break;
@@ -184,6 +208,49 @@ static void neighbours(const Beams *b, uint32_t base, uint32_t width, const Plac
     }
 }
 
+/* ---- what is listed */
+
+static bool same_frame(const Window *a, const Window *b) {
+    return a->far == b->far && !memcmp(a->eye, b->eye, sizeof a->eye) && !memcmp(a->u, b->u, sizeof a->u) &&
+           !memcmp(a->v, b->v, sizeof a->v) && !memcmp(a->c, b->c, sizeof a->c);
+}
+
+/* Where windows follow each other, as those of the pixels of an image do, triangles are listed for some of them ahead,
+ * for more if they are few. How far changes no answer. */
+static void look_ahead(Listed *l, uint32_t near, const Rectangle *all) {
+    int axis = -1;
+    double by[2];
+    for (int a = 0; a < 2; a++) {
+        const double size = all->hi[a] - all->lo[a];
+        by[a] = 0.5 * (all->lo[a] + all->hi[a]) - l->middle[a];
+        if (fabs(by[a]) <= 0.5 * size) continue;
+        if (axis >= 0 || fabs(by[a]) > 1.5 * size) return;
+        axis = a;
+    }
+    if (axis < 0) return;
+    if (near <= FEW_NEAR) l->reach = l->reach < MOST_REACH ? 2 * l->reach + 1 : l->reach;
+    else if (near > MANY_NEAR) l->reach /= 2;
+    (by[axis] < 0 ? l->in.lo : l->in.hi)[axis] += l->reach * by[axis];
+    for (int a = 0; a < 2; a++) {
+        const double unsteady = UNSTEADY * (all->hi[a] - all->lo[a]);
+        l->in.lo[a] -= unsteady, l->in.hi[a] += unsteady;
+    }
+}
+
+/* Lists what windows in a rectangle of the frame may see; again: it is the frame of what was listed. */
+static void list_for(Search *s, const Window *frame, bool again, const Rectangle *all) {
+    Listed *l = &s->store->listed;
+    const Rectangle *in = &l->in;
+    if (again && all->lo[0] >= in->lo[0] && all->lo[1] >= in->lo[1] && all->hi[0] <= in->hi[0] &&
+        all->hi[1] <= in->hi[1])
+        return;
+    l->in = *all;
+    if (again) look_ahead(l, s->store->near.n, all);
+    else l->window = *frame, l->reach = 0;
+    s->scene->facets->list(s, &l->window, &l->in);
+    l->version = s->scene->tree.moved || s->store->lost ? 0 : s->scene->tree.bvh->version;
+}
+
 bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint32_t width, int32_t *witness) {
     Search s = {.scene = scene, .store = told_store(), .f64 = scene->tree.bvh->f64};
     Beams beams;
@@ -195,11 +262,16 @@ bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint3
     scene->facets->read(&beams, s.f64, rays, mask, width, scene->tree.bvh->magnitude);
     while (beams.mask) {
         const uint32_t base = (uint32_t)__builtin_ctzll(beams.mask);
-        Window window;
-        window_set(&window, &beams, base), window_planes(&window);
-        scene->facets->place(&window, &beams, base, width, &lie);
+        Listed *listed = &s.store->listed;
+        Window frame;
+        window_frame(&frame, &beams, base);
+        const bool again =
+            listed->version == scene->tree.bvh->version && !scene->tree.moved && same_frame(&frame, &listed->window);
+        if (!again) window_planes(&frame);
+        scene->facets->place(again ? &listed->window : &frame, &beams, base, width, &lie);
         neighbours(&beams, base, width, &lie, &all, &group);
-        scene->facets->list(&s, &window, &all);
+        list_for(&s, &frame, again, &all);
+        for (int a = 0; a < 2; a++) listed->middle[a] = 0.5 * (all.lo[a] + all.hi[a]);
         s.alike = group.alike;
         if (s.store->near.n) scene->facets->survey(&s, &beams, &lie, &group);
         for (uint32_t k = base; k <= group.last && s.store->near.n; k++) {

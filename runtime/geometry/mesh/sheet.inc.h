@@ -86,16 +86,13 @@ static void measure_parts(Parts *p) {
 }
 
 /* Edge e of a triangle in a window, g at whose first corner is c, for part number `part`. */
-INLINE void set_part(const Search *s, const Near *near, uint32_t i, const Beams *b, uint32_t lane, bool alike, int e,
-                     double c, uint32_t part) {
+INLINE void set_part(const Search *s, const Near *near, const Beams *b, uint32_t lane, bool alike, int e, double c,
+                     uint32_t part) {
     double(*g)[8] = s->store->parts.data[part / 8].g[e];
-    double normal[3], u[3], v[3];
-    for (int a = 0; a < 3 && !alike; a++) {
-        normal[a] = near->normal[e][a][i];
-        u[a] = b->row[SLT_BEAM_U + a][lane], v[a] = b->row[SLT_BEAM_V + a][lane];
-    }
-    g[0][part % 8] = alike ? near->along[0][e][i] : window_dot(normal, u);
-    g[1][part % 8] = alike ? near->along[1][e][i] : window_dot(normal, v);
+    double u[3], v[3];
+    for (int a = 0; a < 3 && !alike; a++) u[a] = b->row[SLT_BEAM_U + a][lane], v[a] = b->row[SLT_BEAM_V + a][lane];
+    g[0][part % 8] = alike ? near->along[e][0] : window_dot(near->normal[e], u);
+    g[1][part % 8] = alike ? near->along[e][1] : window_dot(near->normal[e], v);
     g[2][part % 8] = c;
 }
 

@@ -24,7 +24,8 @@ static pthread_once_t once = PTHREAD_ONCE_INIT;
 
 static void release(void *p) {
     Store *s = p;
-    free(s->unit), free(s->list.data), free(s->near.data), free(s->found.data), free(s->candidate.data);
+    free(s->unit), free(s->list.data), free(s->near.data), free(s->boxes.data), free(s->found.data),
+        free(s->candidate.data);
     free(s->met.data), free(s->order.data), free(s->most.data), free(s->parts.data), free(s->facet.data);
     free(s->chosen.data), free(s->crossing.data), free(s->piece.data), free(s->live.data), free(s->extents.data),
         free(s->held.all);

@@ -13,30 +13,39 @@ typedef struct Window {
     double plane[3][3]; /* rows of the inverse of (u v c) times |its determinant|: w s, w t, w of a point, w > 0 ahead;
                            where they are asked */
     double beside[2];   /* by which s and t of what lies where are widened */
+    /* A frame's: times |(u x v) . c| of a window whose frame it is, the power of two in its bits; 0: it is not one. */
+    double per_power;
+    int64_t power;
 } Window;
+#define POWER_OF_TWO 0x7ff0000000000000 /* of the bits of a double */
+#define GRAZING 1e8 /* times the square of how far away its plane is: as far as a window with a frame is */
 
 typedef struct Rectangle {
     double lo[2], hi[2];
 } Rectangle;
 
-/* Eight triangles that windows of one eye may see, those whose bit is in `there`. */
+/* A triangle that windows of one eye may see. */
 typedef struct Near {
-    _Alignas(64) double normal[3][3][8]; /* of each edge: d . normal is g, positive inside */
-    double depth[3][8]; /* d . depth is 1 / t; of far eyes less that of the plane through the origin across the eye */
-    double base[4][8];  /* of far eyes: what normals and depth times the way from the eye to the origin are */
-    double lo[2][8], hi[2][8]; /* where they lie in the window that they were listed for */
-    double along[2][4][8];     /* normals and depth times that window's u and v */
-    double spread[2][4][8];    /* what these add at a window's corners: the least and the most. Adding rounds alike
-                                  whichever    is added, so what is least here is least of the sums */
-    int32_t triangle[8];
-    uint8_t there, turned; /* turned: edges run from their second corner to their first for g to be positive inside */
+    _Alignas(64) double normal[4][3]; /* of each edge: d . normal is g, positive inside; the last: d . that is 1 / t, of
+                                         far eyes less that of the plane through the origin across the eye */
+    double spread[4][2]; /* what they add at a window's corners: the least and the most. Adding rounds alike whichever
+                            is added, so what is least here is least of the sums */
+    int32_t triangle;
+    uint32_t turned;    /* edges run from their second corner to their first for g to be positive inside */
+    double along[4][2]; /* normals times u and v of the windows that it was listed for */
+    double base[4];     /* of far eyes: what normals times the way from the eye to the origin are */
 } Near;
+
+/* Where eight of them lie in the frame that they were listed in; where there is none, nowhere. */
+typedef struct NearBoxes {
+    _Alignas(64) double lo[2][8], hi[2][8];
+} NearBoxes;
 
 /* What the windows of eight lanes have of a triangle. */
 typedef struct Found {
     _Alignas(64) double least[8], most[8]; /* of 1 / t at the window's corners */
     double c[3][8];                        /* g of its edges at the first corner */
-    uint32_t near;                         /* its number: 8 times that of its eight, and which of them */
+    uint32_t near;                         /* its number */
     uint32_t turned;
 } Found;
 
@@ -120,6 +129,15 @@ struct Held {
     struct HeldWindows *all; /* NULL: none so far */
 };
 
+/* What store->near was listed for. */
+typedef struct Listed {
+    uint64_t version; /* Bvh; 0: of nothing that could come again */
+    Window window;    /* window_frame */
+    Rectangle in;
+    double middle[2]; /* of the windows that were looked through last */
+    uint32_t reach;   /* how many windows ahead */
+} Listed;
+
 typedef struct Store {
     Unit *unit; /* the number of the last unit, then n units, of floats half as long */
     uint32_t n, room;
@@ -127,6 +145,8 @@ typedef struct Store {
     Held held;
     ROW(int32_t) list;
     ROW(Near) near;
+    ROW(NearBoxes) boxes;
+    Listed listed;
     ROW(Found) found;    /* of a row of eight lanes */
     ROW(uint8_t) met;    /* which of them */
     ROW(uint32_t) order; /* of what a lane has found */
@@ -181,12 +201,12 @@ typedef struct Beams {
 #define FAR_EYE 8.0 /* times the mesh's largest coordinate */
 #define NEAR_WINDOW 0.25 /* of the way to the eye: a corner nearer to the origin */
 
-/* Where they lie in one of them. */
+/* Where they lie in the frame of one of them. */
 typedef struct Places {
-    uint64_t ahead; /* of which that can be said */
+    uint64_t ahead; /* of which that can be said, and whose frame it is if they are alike */
     uint64_t alike; /* whose u and v are the same */
     _Alignas(64) double lo[2][LANES], hi[2][LANES];
-    Rectangle all; /* around those of the mask from that window on */
+    Rectangle all; /* around those of the mask from `base` on */
     double area;   /* of these */
 } Places;
 
@@ -244,16 +264,14 @@ static inline void window_facets(const Search *s, uint32_t n) {
     Store *store = s->store;
     for (; store->facet.n < n; store->facet.n++) {
         const Candidate *c = &s->candidate[store->facet.n];
-        const Near *near = &store->near.data[c->near / 8];
-        const uint32_t i = c->near % 8;
+        const Near *near = &store->near.data[c->near];
         Facet *f = &store->facet.data[store->facet.n];
         for (int k = 0; k < 4; k++) {
-            double *to = k < 3 ? f->g[k] : f->depth, normal[3];
-            for (int a = 0; a < 3; a++) normal[a] = k < 3 ? near->normal[k][a][i] : near->depth[a][i];
-            to[0] = s->alike ? near->along[0][k][i] : window_dot(normal, s->window.u);
-            to[1] = s->alike ? near->along[1][k][i] : window_dot(normal, s->window.v);
-            to[2] = window_dot(normal, s->window.q);
-            if (s->window.far) to[2] += s->window.own * near->base[k][i];
+            double *to = k < 3 ? f->g[k] : f->depth;
+            to[0] = s->alike ? near->along[k][0] : window_dot(near->normal[k], s->window.u);
+            to[1] = s->alike ? near->along[k][1] : window_dot(near->normal[k], s->window.v);
+            to[2] = window_dot(near->normal[k], s->window.q);
+            if (s->window.far) to[2] += s->window.own * near->base[k];
         }
         f->most = c->most, f->triangle = c->triangle, f->turned = c->turned != 0;
     }
