@@ -309,8 +309,9 @@ INLINE void meet_row(Store *store, const Places *lie, uint32_t near, uint32_t k,
     filling &= some & less(row->hidden, least);
     const D8 other = chosen(filling, row->most, chosen(some, most, row->others));
     keep_max(&row->others, &other);
-    const D8 its = chosen(some, most, row->facing[t->turned]);
-    keep_max(&row->facing[t->turned], &its);
+    const uint32_t turned = t->turned ? some : 0;
+    row->facing[0] = chosen(some & ~turned, higher(most, row->facing[0]), row->facing[0]);
+    row->facing[1] = chosen(turned, higher(most, row->facing[1]), row->facing[1]);
     row->hidden = chosen(filling, least, row->hidden), row->most = chosen(filling, most, row->most);
     row->filling = chosen(filling, all_D8(near), row->filling);
     store->met.data[store->found.n] = (uint8_t)some;
@@ -374,22 +375,14 @@ INLINE void add_candidates(Search *s, const Beams *b, Neighbours *group, uint32_
     store->candidate.n += n, group->count[k] = n;
 }
 
-/* What the windows of the row may see; false: out of memory. */
-static bool find_in_row(Store *store, const Beams *b, const Places *lie, uint32_t k, uint32_t on, bool alike, bool far,
-                        Row *row) {
+/* Finds what is listed and may lie in the row's windows; false: out of memory. */
+INLINE bool meet_listed(Store *store, const Places *lie, uint32_t k, uint32_t on, bool alike, bool far, Row *to) {
+    Row row = *to;
     double lo[2], hi[2];
-    for (int a = 0; a < 3; a++) {
-        row->q[a] = *(const Wide *)&b->row[BEAM_Q + a][k];
-        row->u[a] = *(const Wide *)&b->row[SLT_BEAM_U + a][k], row->v[a] = *(const Wide *)&b->row[SLT_BEAM_V + a][k];
-    }
-    row->own = *(const Wide *)&b->row[BEAM_OWN][k];
-    row->hidden = row->most = row->others = row->facing[0] = row->facing[1] = all_D8(-HUGE_VAL);
-    row->filling = all_D8(0);
     for (int a = 0; a < 2; a++) {
         lo[a] = least_of(chosen(on, *(const Wide *)&lie->lo[a][k], all_D8(HUGE_VAL)));
         hi[a] = -least_of(-chosen(on, *(const Wide *)&lie->hi[a][k], all_D8(-HUGE_VAL)));
     }
-    store->found.n = 0;
     for (uint32_t near = 0; near < store->near.n; near += 8) {
         const NearBoxes *box = &store->boxes.data[near / 8];
         uint32_t in = 255;
@@ -399,9 +392,27 @@ static bool find_in_row(Store *store, const Beams *b, const Places *lie, uint32_
         if (!window_room(store, &store->found.data, store->found.n, &store->found.room, 8, sizeof *store->found.data) ||
             !window_room(store, &store->met.data, store->found.n, &store->met.room, 128, 1))
             return false;
-        for (; in; in &= in - 1) meet_row(store, lie, near + (uint32_t)__builtin_ctz(in), k, on, alike, far, row);
+        for (; in; in &= in - 1) meet_row(store, lie, near + (uint32_t)__builtin_ctz(in), k, on, alike, far, &row);
     }
-    if (!store->found.n) return true;
+    *to = row;
+    return true;
+}
+
+/* What the windows of the row may see; false: nothing, or out of memory. */
+static bool find_in_row(Store *store, const Beams *b, const Places *lie, uint32_t k, uint32_t on, bool alike, bool far,
+                        Row *row) {
+    for (int a = 0; a < 3; a++) {
+        row->q[a] = *(const Wide *)&b->row[BEAM_Q + a][k];
+        row->u[a] = *(const Wide *)&b->row[SLT_BEAM_U + a][k], row->v[a] = *(const Wide *)&b->row[SLT_BEAM_V + a][k];
+    }
+    row->own = *(const Wide *)&b->row[BEAM_OWN][k];
+    row->hidden = row->most = row->others = row->facing[0] = row->facing[1] = all_D8(-HUGE_VAL);
+    row->filling = all_D8(0);
+    store->found.n = 0;
+    if (!(alike && !far ? meet_listed(store, lie, k, on, true, false, row)
+                        : meet_listed(store, lie, k, on, alike, far, row)) ||
+        !store->found.n)
+        return false;
     const uint32_t n = store->found.n;
     memset(store->met.data + n, 0, 64);
     return window_room(store, &store->order.data, 0, &store->order.room, n, sizeof *store->order.data) &&
@@ -419,7 +430,7 @@ static void survey(Search *s, const Beams *b, const Places *lie, Neighbours *gro
         const uint32_t on = (uint32_t)(who >> k) & 255;
         Row row;
         for (uint32_t i = 0; i < 8; i++) group->count[k + i] = 0;
-        if (!on || !find_in_row(store, b, lie, k, on, group->alike, far, &row) || !store->found.n) continue;
+        if (!on || !find_in_row(store, b, lie, k, on, group->alike, far, &row)) continue;
         const uint32_t whole = less(row.others, row.hidden) & on;
         group->whole |= (uint64_t)whole << k;
         if (whole) {
@@ -454,7 +465,7 @@ static void survey_all(Search *s, const Beams *b, const Places *lie, Neighbours 
     const uint32_t k = lane / 8 * 8, i = lane % 8;
     Row row;
     group->count[lane] = 0;
-    if (!find_in_row(store, b, lie, k, 1u << i, group->alike, b->far >> lane & 1, &row) || !store->found.n) return;
+    if (!find_in_row(store, b, lie, k, 1u << i, group->alike, b->far >> lane & 1, &row)) return;
     for (uint32_t f = 0; f < store->found.n; f++)
         store->met.data[f] &= (uint8_t)~less(*(const Wide *)store->found.data[f].most, row.hidden);
     add_candidates(s, b, group, lane, i, NULL);
