@@ -89,48 +89,81 @@ static void read(Beams *b, bool f64, const void *rays, uint64_t mask, uint32_t w
 
 INLINE uint32_t same(D8 a, double b) { return upto(a, all_D8(b)) & upto(all_D8(b), a); }
 
+/* Where windows lie whose corners are c + 0, u, v or u + v; those ahead. */
+INLINE uint32_t place_any(const Window *w, const D8 c[3], const D8 u[3], const D8 v[3], D8 lo[2], D8 hi[2]) {
+    D8 at[3][4];
+    uint32_t ahead = 255;
+    for (int i = 0; i < 3; i++) {
+        D8 first, s, t;
+        dot8(c, w->plane[i], &first), dot8(u, w->plane[i], &s), dot8(v, w->plane[i], &t);
+        at[i][0] = first, at[i][1] = first + s, at[i][2] = first + t, at[i][3] = first + s + t;
+    }
+    for (int q = 0; q < 4; q++) {
+        const D8 inverse = 1 / at[2][q];
+        ahead &= less(all_D8(0), at[2][q]);
+        for (int i = 0; i < 2; i++) at[i][q] *= inverse;
+    }
+    for (int i = 0; i < 2; i++) {
+        lo[i] = hi[i] = at[i][0];
+        for (int q = 1; q < 4; q++) keep_min(&lo[i], &at[i][q]), keep_max(&hi[i], &at[i][q]);
+    }
+    return ahead;
+}
+
+/* The same of those with the frame's u and v, which lie across as it does; spread: what u and v add, at least and at
+ * most. */
+INLINE uint32_t place_alike(const Window *w, const D8 c[3], const double spread[2][2], D8 lo[2], D8 hi[2]) {
+    D8 far, square, at;
+    dot8(c, w->plane[2], &far);
+    square = c[0] * c[0] + c[1] * c[1] + c[2] * c[2];
+    const D8 inverse = 1 / far;
+    const L8 power = (L8)(far * w->per_power) & POWER_OF_TWO;
+    for (int i = 0; i < 2; i++) {
+        dot8(c, w->plane[i], &at);
+        lo[i] = (at + spread[i][0]) * inverse, hi[i] = (at + spread[i][1]) * inverse;
+    }
+    return bits_D8(power == w->power) & upto(square, GRAZING * w->per_power * far * far) & less(all_D8(0), far);
+}
+
 static void place(const Window *w, const Beams *b, uint32_t base, uint32_t width, Places *out) {
     const uint64_t who = b->mask & ~0ull << base;
     D8 lo_all[2] = {all_D8(HUGE_VAL), all_D8(HUGE_VAL)}, hi_all[2] = {all_D8(-HUGE_VAL), all_D8(-HUGE_VAL)}, area = {0};
+    double spread[2][2] = {{0}};
+    for (int i = 0; i < 2; i++) {
+        const double s = window_dot(w->u, w->plane[i]), t = window_dot(w->v, w->plane[i]), add[3] = {s, t, s + t};
+        for (int q = 0; q < 3; q++) {
+            if (add[q] < spread[i][0]) spread[i][0] = add[q];
+            if (add[q] > spread[i][1]) spread[i][1] = add[q];
+        }
+    }
     out->ahead = out->alike = 0;
     for (uint32_t k = 0; k < width; k += 8) {
         const uint32_t on = (uint32_t)(who >> k) & 255;
         if (!on) continue;
-        D8 u[3], v[3], c[3], at[3][4], size[2];
-        uint32_t ahead = 255, alike = 255;
+        D8 u[3], v[3], c[3], lo[2], hi[2];
+        uint32_t of_eye = 255, alike = 255, ahead;
         for (int a = 0; a < 3; a++) {
-            ahead &= same(*(const Wide *)&b->row[SLT_BEAM_EYE + a][k], w->eye[a]);
+            of_eye &= same(*(const Wide *)&b->row[SLT_BEAM_EYE + a][k], w->eye[a]);
             c[a] = *(const Wide *)&b->row[SLT_BEAM_CORNER + a][k];
             u[a] = *(const Wide *)&b->row[SLT_BEAM_U + a][k], v[a] = *(const Wide *)&b->row[SLT_BEAM_V + a][k];
             alike &= same(u[a], w->u[a]) & same(v[a], w->v[a]);
         }
-        for (int i = 0; i < 3; i++) {
-            D8 first, s, t;
-            dot8(c, w->plane[i], &first), dot8(u, w->plane[i], &s), dot8(v, w->plane[i], &t);
-            at[i][0] = first, at[i][1] = first + s, at[i][2] = first + t, at[i][3] = first + s + t;
-        }
-        if (w->per_power > 0) {
-            const L8 power = (L8)(at[2][0] * w->per_power) & POWER_OF_TWO;
-            ahead &= bits_D8(power == w->power) | ~alike;
-            D8 square;
-            square = c[0] * c[0] + c[1] * c[1] + c[2] * c[2];
-            ahead &= upto(square, GRAZING * w->per_power * at[2][0] * at[2][0]) | ~alike;
-        }
-        for (int q = 0; q < 4; q++) {
-            const D8 inverse = 1 / at[2][q];
-            ahead &= less(all_D8(0), at[2][q]);
-            for (int i = 0; i < 2; i++) at[i][q] *= inverse;
+        const uint32_t across = w->per_power > 0 ? alike : 0;
+        ahead = place_alike(w, c, spread, lo, hi);
+        if (on & ~across) {
+            D8 any_lo[2], any_hi[2];
+            const uint32_t any = place_any(w, c, u, v, any_lo, any_hi);
+            ahead = (ahead & across) | (any & ~across);
+            for (int i = 0; i < 2; i++)
+                lo[i] = chosen(across, lo[i], any_lo[i]), hi[i] = chosen(across, hi[i], any_hi[i]);
         }
         for (int i = 0; i < 2; i++) {
-            D8 lo = at[i][0], hi = lo;
-            for (int q = 1; q < 4; q++) keep_min(&lo, &at[i][q]), keep_max(&hi, &at[i][q]);
-            *(Wide *)&out->lo[i][k] = lo, *(Wide *)&out->hi[i][k] = hi;
-            size[i] = hi - lo;
-            lo_all[i] = lower(chosen(on, lo, lo_all[i]), lo_all[i]);
-            hi_all[i] = higher(chosen(on, hi, hi_all[i]), hi_all[i]);
+            *(Wide *)&out->lo[i][k] = lo[i], *(Wide *)&out->hi[i][k] = hi[i];
+            lo_all[i] = lower(chosen(on, lo[i], lo_all[i]), lo_all[i]);
+            hi_all[i] = higher(chosen(on, hi[i], hi_all[i]), hi_all[i]);
         }
-        area += chosen(on, size[0] * size[1], all_D8(0));
-        out->ahead |= (uint64_t)ahead << k, out->alike |= (uint64_t)alike << k;
+        area += chosen(on, (hi[0] - lo[0]) * (hi[1] - lo[1]), all_D8(0));
+        out->ahead |= (uint64_t)(ahead & of_eye) << k, out->alike |= (uint64_t)alike << k;
     }
     for (int i = 0; i < 2; i++) out->all.lo[i] = least_of(lo_all[i]), out->all.hi[i] = -least_of(-hi_all[i]);
     out->area = 0;

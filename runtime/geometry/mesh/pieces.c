@@ -2,6 +2,7 @@
 #include "pieces.h"
 
 #include <math.h>
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -211,8 +212,7 @@ static void neighbours(const Beams *b, uint32_t base, uint32_t width, const Plac
 /* ---- what is listed */
 
 static bool same_frame(const Window *a, const Window *b) {
-    return a->far == b->far && !memcmp(a->eye, b->eye, sizeof a->eye) && !memcmp(a->u, b->u, sizeof a->u) &&
-           !memcmp(a->v, b->v, sizeof a->v) && !memcmp(a->c, b->c, sizeof a->c);
+    return a->far == b->far && !memcmp(a, b, offsetof(Window, far)); /* eye, u, v, c */
 }
 
 /* Where windows follow each other, as those of the pixels of an image do, triangles are listed for some of them ahead,
