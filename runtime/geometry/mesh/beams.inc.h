@@ -112,9 +112,10 @@ INLINE uint32_t place_any(const Window *w, const D8 c[3], const D8 u[3], const D
 
 /* The same of those with the frame's u and v, which lie across as it does; spread: what u and v add, at least and at
  * most. */
-INLINE uint32_t place_alike(const Window *w, const D8 c[3], const double spread[2][2], D8 lo[2], D8 hi[2]) {
+INLINE uint32_t place_alike(const Window *w, const D8 c[3], const double spread[2][2], D8 lo[2], D8 hi[2], D8 *away) {
     D8 far, square, at;
     dot8(c, w->plane[2], &far);
+    *away = far;
     square = c[0] * c[0] + c[1] * c[1] + c[2] * c[2];
     const D8 inverse = 1 / far;
     const L8 power = (L8)(far * w->per_power) & POWER_OF_TWO;
@@ -140,7 +141,7 @@ static void place(const Window *w, const Beams *b, uint32_t base, uint32_t width
     for (uint32_t k = 0; k < width; k += 8) {
         const uint32_t on = (uint32_t)(who >> k) & 255;
         if (!on) continue;
-        D8 u[3], v[3], c[3], lo[2], hi[2];
+        D8 u[3], v[3], c[3], lo[2], hi[2], far;
         uint32_t of_eye = 255, alike = 255, ahead;
         for (int a = 0; a < 3; a++) {
             of_eye &= same(*(const Wide *)&b->row[SLT_BEAM_EYE + a][k], w->eye[a]);
@@ -149,7 +150,8 @@ static void place(const Window *w, const Beams *b, uint32_t base, uint32_t width
             alike &= same(u[a], w->u[a]) & same(v[a], w->v[a]);
         }
         const uint32_t across = w->per_power > 0 ? alike : 0;
-        ahead = place_alike(w, c, spread, lo, hi);
+        ahead = place_alike(w, c, spread, lo, hi, &far);
+        *(Wide *)&out->far[k] = chosen(across & ahead, far, all_D8(HUGE_VAL));
         if (on & ~across) {
             D8 any_lo[2], any_hi[2];
             const uint32_t any = place_any(w, c, u, v, any_lo, any_hi);

@@ -120,15 +120,18 @@ INLINE void lines_far(const D8 at[3][3], const double eye[3], D8 normal[3][3], D
             (across[(a + 1) % 3] * eye[(a + 2) % 3] - across[(a + 2) % 3] * eye[(a + 1) % 3] + eye[a] * own) / square;
 }
 
+#define ROUNDED 1e-9 /* more than any rounding of 1 / t at a corner */
+
 /* Triangles that lie in the rectangle, until there are eight. */
 typedef struct Waiting {
     double at[3][3][8], lo[2][8], hi[2][8]; /* at: from the eye, for far ones from the origin */
+    double nearest[8];
     int32_t triangle[8];
     uint32_t n;
 } Waiting;
 
-/* Which of eight triangles may lie in the rectangle, and where. */
-INLINE uint32_t in_rectangle(const Window *w, const Rectangle *r, const D8 at[3][3], D8 lo[2], D8 hi[2]) {
+/* Which of eight triangles may lie in the rectangle, and where; nearest: Near. */
+INLINE uint32_t in_rectangle(const Window *w, const Rectangle *r, const D8 at[3][3], D8 lo[2], D8 hi[2], D8 *nearest) {
     uint32_t ahead = 255, outside = 0;
     for (int i = 0; i < 2; i++) lo[i] = all_D8(HUGE_VAL), hi[i] = all_D8(-HUGE_VAL);
     for (int k = 0; k < 3; k++) {
@@ -137,6 +140,8 @@ INLINE uint32_t in_rectangle(const Window *w, const Rectangle *r, const D8 at[3]
         dot8(p, w->plane[2], &along);
         ahead &= less(all_D8(0), along);
         along = 1 / along;
+        if (k) keep_max(nearest, &along);
+        else *nearest = along;
         for (int i = 0; i < 2; i++) {
             dot8(p, w->plane[i], &where);
             where *= along;
@@ -150,6 +155,7 @@ INLINE uint32_t in_rectangle(const Window *w, const Rectangle *r, const D8 at[3]
         outside |= less(all_D8(r->hi[i]), lo[i]) | less(hi[i], all_D8(r->lo[i]));
         lo[i] = chosen(ahead, lo[i], all_D8(-HUGE_VAL)), hi[i] = chosen(ahead, hi[i], all_D8(HUGE_VAL));
     }
+    *nearest = chosen(w->far ? 0 : ahead, *nearest * (1 + ROUNDED), all_D8(HUGE_VAL));
     return ~(outside & ahead) & 255;
 }
 
@@ -206,6 +212,7 @@ static void add_near(Search *s, const Window *w, Waiting *from) {
             for (int a = 0; a < 2; a++) to->along[k][a] = column[20 + 2 * k + a][i];
             if (w->far) to->base[k] = column[28 + k][i];
         }
+        to->nearest = from->nearest[i];
         to->triangle = from->triangle[i], to->turned = turned >> i & 1;
         for (int a = 0; a < 2; a++) box->lo[a][n % 8] = from->lo[a][i], box->hi[a][n % 8] = from->hi[a][i];
     }
@@ -221,19 +228,20 @@ static void add_leaf(Search *s, const Window *w, const Rectangle *r, uint32_t le
     const int32_t *triangle =
         s->f64 ? ((const BvhLeaf64 *)b->leaf)[leaf].triangle : ((const BvhLeaf32 *)b->leaf)[leaf].triangle;
     static const double origin[3];
-    D8 p[3][3], lo[2], hi[2];
+    D8 p[3][3], lo[2], hi[2], nearest;
     corners_of(s, w->far ? origin : w->eye, leaf, triangle, p);
-    uint32_t in = in_rectangle(w, r, (const D8(*)[3])p, lo, hi);
+    uint32_t in = in_rectangle(w, r, (const D8(*)[3])p, lo, hi, &nearest);
     if (!in) return;
-    Row at[3][3], where[4];
-    memcpy(at, p, sizeof at), memcpy(where, lo, sizeof lo), memcpy(where + 2, hi, sizeof hi);
+    Row at[3][3], where[4], near;
+    memcpy(at, p, sizeof at), memcpy(where, lo, sizeof lo), memcpy(where + 2, hi, sizeof hi),
+        memcpy(&near, &nearest, sizeof near);
     for (; in; in &= in - 1) {
         const uint32_t i = (uint32_t)__builtin_ctz(in), n = to->n;
         if (triangle[i] < 0) continue;
         for (int k = 0; k < 3; k++)
             for (int a = 0; a < 3; a++) to->at[k][a][n] = at[k][a].at[i];
         for (int a = 0; a < 2; a++) to->lo[a][n] = where[a].at[i], to->hi[a][n] = where[2 + a].at[i];
-        to->triangle[n] = triangle[i];
+        to->triangle[n] = triangle[i], to->nearest[n] = near.at[i];
         if (++to->n == 8) add_near(s, w, to);
     }
 }
@@ -306,6 +314,9 @@ INLINE void meet_row(Store *store, const Places *lie, uint32_t near, uint32_t k,
     }
     some &= upto(row->hidden, most) & upto(all_D8(-DBL_MAX), least) & upto(most, all_D8(DBL_MAX));
     if (!some) return;
+    /* Its plane may come nearer than it does. */
+    const D8 nearest = *(const Wide *)&lie->far[k] * t->nearest;
+    least = lower(least, nearest), most = lower(most, nearest);
     filling &= some & less(row->hidden, least);
     const D8 other = chosen(filling, row->most, chosen(some, most, row->others));
     keep_max(&row->others, &other);

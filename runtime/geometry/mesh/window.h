@@ -30,6 +30,7 @@ typedef struct Near {
                                          far eyes less that of the plane through the origin across the eye */
     double spread[4][2]; /* what they add at a window's corners: the least and the most. Adding rounds alike whichever
                             is added, so what is least here is least of the sums */
+    double nearest;      /* at least 1 / t of all of it, times a window's Places.far; of far eyes not known */
     int32_t triangle;
     uint32_t turned;    /* edges run from their second corner to their first for g to be positive inside */
     double along[4][2]; /* normals times u and v of the windows that it was listed for */
@@ -206,8 +207,9 @@ typedef struct Places {
     uint64_t ahead; /* of which that can be said, and whose frame it is if they are alike */
     uint64_t alike; /* whose u and v are the same */
     _Alignas(64) double lo[2][LANES], hi[2][LANES];
-    Rectangle all; /* around those of the mask from `base` on */
-    double area;   /* of these */
+    double far[LANES]; /* how far the window's plane is from the eye, of those which are alike; else infinite */
+    Rectangle all;     /* around those of the mask from `base` on */
+    double area;       /* of these */
 } Places;
 
 /* Windows from `base` to `last`, which are looked through together. Of a lane first the triangles that face as the
