@@ -198,17 +198,31 @@ void accum_close(Accum *a) {
     a->infinite = false;
 }
 
-/* Behind the last buffer are no rows: an index there is none. */
-static void add_log(const Accum *a, uint32_t which, double *const *targets) {
-    const AdjointBuffer *buf = &a->buf[which];
-    for (uint64_t e = 0; e < buf->log_len; e++) {
-        uint32_t p = buf->log_index[e], row = which;
-        for (; p >= a->s->nfloats && row < a->n; row++) p -= a->s->nfloats;
-        if (row < a->n)
-            targets[row][p] +=
-                a->s->f64 ? ((const double *)buf->log_value)[e] : (double)((const float *)buf->log_value)[e];
-    }
+/* Where an entry of the log goes. Behind the last buffer are no rows: an index there is none. */
+static double *target_of(const Accum *a, uint32_t which, double *const *targets, uint32_t index, double *none) {
+    uint32_t row = which;
+    for (; index >= a->s->nfloats && row < a->n; row++) index -= a->s->nfloats;
+    return row < a->n ? &targets[row][index] : none;
 }
+
+/* Neighbouring entries are mostly of one parameter, whose sum is not put down in between. */
+#define ADD_LOG(name, T)                                                                                               \
+    static void name(const Accum *a, uint32_t which, double *const *targets) {                                         \
+        const AdjointBuffer *buf = &a->buf[which];                                                                     \
+        const T *value = (const T *)buf->log_value;                                                                    \
+        double none = 0, *to = &none, sum = 0;                                                                             \
+        for (uint64_t e = 0; e < buf->log_len; e++) {                                                                  \
+            if (!e || buf->log_index[e] != buf->log_index[e - 1]) {                                                    \
+                *to = sum;                                                                                             \
+                to = target_of(a, which, targets, buf->log_index[e], &none);                                           \
+                sum = *to;                                                                                             \
+            }                                                                                                          \
+            sum += (double)value[e];                                                                                   \
+        }                                                                                                              \
+        *to = sum;                                                                                                     \
+    }
+ADD_LOG(add_log_f32, float)
+ADD_LOG(add_log_f64, double)
 
 void accum_merge(Accum *a, double *const *targets) {
     for (uint32_t i = 0; i < a->n; i++) {
@@ -218,7 +232,8 @@ void accum_merge(Accum *a, double *const *targets) {
             uint32_t p0 = buf->touched[t], p1 = p0 + ACCUM_BLOCK < a->s->nfloats ? p0 + ACCUM_BLOCK : a->s->nfloats;
             for (uint32_t p = p0; p < p1; p++) to[p] += buf->sum[p];
         }
-        add_log(a, i, targets);
+        if (a->s->f64) add_log_f64(a, i, targets);
+        else add_log_f32(a, i, targets);
         buf->ntouched = 0, buf->log_len = 0;
     }
 }

@@ -62,9 +62,10 @@ static int32_t first_piece(const SltGeometry *g, const Scene *s, bool f64) {
     return unit;
 }
 
-static void see_through(const SltGeometry *g, const Scene *s, bool f64, Seen *out) {
+/* What is told from a unit on. */
+static void add_up(const SltGeometry *g, const Scene *s, bool f64, int32_t unit, Seen *out) {
     memset(out, 0, sizeof *out);
-    for (int32_t unit = first_piece(g, s, f64); unit; unit = told_int(g, f64, unit, SLT_PIECE_NEXT)) {
+    for (; unit; unit = told_int(g, f64, unit, SLT_PIECE_NEXT)) {
         const uint32_t face = (uint32_t)told_int(g, f64, unit, SLT_PIECE_TRIANGLE);
         const double area = told(g, f64, unit, SLT_PIECE_AREA),
                      at[2] = {told(g, f64, unit, SLT_PIECE_S), told(g, f64, unit, SLT_PIECE_T)};
@@ -75,6 +76,10 @@ static void see_through(const SltGeometry *g, const Scene *s, bool f64, Seen *ou
         out->area += area, out->depth += area * (double)part_at(shape.depth, at[0], at[1]);
         out->pieces++;
     }
+}
+
+static void see_through(const SltGeometry *g, const Scene *s, bool f64, Seen *out) {
+    add_up(g, s, f64, first_piece(g, s, f64), out);
 }
 
 static void see(const Scene *s, bool f64, Seen *out) {
@@ -352,6 +357,74 @@ static void test_same_bits(void **state) {
     }
 }
 
+enum { ACROSS = 8, BLOCK = 32, BLOCKS = 6, WINDOWS = BLOCK * BLOCKS };
+
+/* Windows side by side, a block of them a call, from left to right or upwards, or back. */
+static void see_blocks(const SltGeometry *g, const Scene *s, bool f64, bool upwards, bool back, Scene *window,
+                       Seen *out) {
+    static double row[SLT_BEAM_ROWS][BLOCK];
+    static float narrow[SLT_BEAM_ROWS][BLOCK];
+    int32_t witness[BLOCK];
+    for (uint32_t i = 0; i < BLOCKS; i++) {
+        const uint32_t block = back ? BLOCKS - 1 - i : i;
+        for (uint32_t k = 0; k < BLOCK; k++) {
+            const double x = k % ACROSS + (upwards ? 0 : ACROSS * block),
+                         y = k / ACROSS + (upwards ? BLOCK / ACROSS * block : 0);
+            double *beam = window[BLOCK * block + k].beam;
+            memcpy(beam, s->beam, sizeof s->beam);
+            for (int a = 0; a < 3; a++)
+                beam[SLT_BEAM_CORNER + a] += x * beam[SLT_BEAM_U + a] + y * beam[SLT_BEAM_V + a];
+            for (int r = 0; r < SLT_BEAM_ROWS; r++) row[r][k] = beam[r], narrow[r][k] = (float)beam[r];
+        }
+        g->query[SLT_QUERY_BEGIN](g, NULL, NULL, 1, BLOCK, witness);
+        g->query[SLT_QUERY_PIECES](g, f64 ? (const void *)s->at : s->f32, f64 ? (const void *)row : narrow, UINT32_MAX,
+                                   BLOCK, witness);
+        for (uint32_t k = 0; k < BLOCK; k++) add_up(g, s, f64, witness[k], &out[BLOCK * block + k]);
+    }
+}
+
+/* What a window sees hangs on it alone, not on those beside it nor on what was asked before. */
+static void test_side_by_side(void **state) {
+    (void)state;
+    uint64_t seed = 11;
+    static Scene s, window[WINDOWS];
+    static Seen together[WINDOWS], alone;
+    uint32_t pieces = 0;
+    for (uint32_t round = 0; round < 40; round++) {
+        const bool f64 = round % 2, upwards = round % 4 > 1;
+        if (round % 3) {
+            sheets(&s, &seed);
+        } else {
+            s = (Scene){0};
+            scene_soup(&s, 100, 0.5, &seed);
+            plain_window(&s);
+        }
+        for (int k = SLT_BEAM_U; k < SLT_BEAM_ROWS; k++) s.beam[k] *= 0.07;
+        SltGeometry *g = made(&s, f64);
+        for (int moved = 0; moved < 2; moved++) {
+            see_blocks(g, &s, f64, upwards, moved, window, together);
+            for (uint32_t k = 0; k < WINDOWS; k += 1 + (k + round) % 3) {
+                SltGeometry *other = made(&s, f64);
+                memcpy(s.beam, window[k].beam, sizeof s.beam);
+                see_through(other, &s, f64, &alone);
+                geometry_free(other);
+                together[k].depth = alone.depth = 0; /* that is measured in s.beam */
+                assert_memory_equal(&together[k], &alone, sizeof alone);
+                pieces += alone.pieces;
+            }
+            memcpy(s.beam, window[0].beam, sizeof s.beam);
+            /* The windows that were looked through last once more, when the vertices are elsewhere. */
+            see_blocks(g, &s, f64, upwards, false, window, together);
+            for (uint32_t i = 0; i < s.nvertices; i++)
+                for (int a = 0; a < 3; a++) s.at[i][a] *= 0.9, s.f32[i][a] = (float)s.at[i][a];
+            geometry_changed(g, 0, 3 * (uint64_t)s.nvertices);
+            (void)geometry_follow(g, f64 ? (const void *)s.at : s.f32);
+        }
+        geometry_free(g);
+    }
+    assert_true(pieces > 5000);
+}
+
 static void test_many(void **state) {
     (void)state;
     static Scene s;
@@ -431,10 +504,10 @@ static void test_no_memory(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_fills_the_window), cmocka_unit_test(test_reference),
-                                       cmocka_unit_test(test_sheets),           cmocka_unit_test(test_far_eye),
-                                       cmocka_unit_test(test_any_order),        cmocka_unit_test(test_degenerate),
-                                       cmocka_unit_test(test_same_bits),        cmocka_unit_test(test_many),
-                                       cmocka_unit_test(test_nothing),          cmocka_unit_test(test_no_memory)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_fills_the_window), cmocka_unit_test(test_reference),    cmocka_unit_test(test_sheets),
+        cmocka_unit_test(test_far_eye),          cmocka_unit_test(test_any_order),    cmocka_unit_test(test_degenerate),
+        cmocka_unit_test(test_same_bits),        cmocka_unit_test(test_side_by_side), cmocka_unit_test(test_many),
+        cmocka_unit_test(test_nothing),          cmocka_unit_test(test_no_memory)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -10,8 +10,8 @@ INLINE void add_size(const D8 *x, D8 *sum) {
 static uint32_t beam_boxes(const BvhNode *n, const BeamPlane *plane, int planes, const double from[3], double slack) {
     D8 lo[3], hi[3];
     for (int a = 0; a < 3; a++) {
-        lo[a] = __builtin_convertvector(*(const Narrow *)n->lo[a], D8);
-        hi[a] = __builtin_convertvector(*(const Narrow *)n->hi[a], D8);
+        lo[a] = wide_F8(*(const Narrow *)n->lo[a]);
+        hi[a] = wide_F8(*(const Narrow *)n->hi[a]);
     }
     L8 in = lo[0] <= hi[0];
     for (int a = 0; a < 3; a++) lo[a] = (lo[a] - from[a]) - slack, hi[a] = (hi[a] - from[a]) + slack;
@@ -35,7 +35,7 @@ static uint32_t beam_triangles(const Bvh *b, int32_t leaf, const BeamPlane *plan
     for (int c = 0; c < 3; c++)
         for (int a = 0; a < 3; a++) {
             if (b->f64) at[c][a] = *(const Wide *)((const BvhLeaf64 *)b->leaf)[leaf].at[c][a];
-            else at[c][a] = __builtin_convertvector(*(const Narrow *)((const BvhLeaf32 *)b->leaf)[leaf].at[c][a], D8);
+            else at[c][a] = wide_F8(*(const Narrow *)((const BvhLeaf32 *)b->leaf)[leaf].at[c][a]);
             at[c][a] -= from[a];
         }
     for (int p = 0; p < planes; p++) {

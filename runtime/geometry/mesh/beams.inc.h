@@ -1,5 +1,6 @@
 /* Windows of lanes, eight at a time. Include behind lanes.h. */
 typedef D8 Wide __attribute__((aligned(8)));
+typedef float Narrow __attribute__((vector_size(32), aligned(4)));
 
 /* NaN is left out. */
 INLINE void keep_min(D8 *a, const D8 *b) { *a = lower_D8(*b, *a); }
@@ -7,11 +8,11 @@ INLINE void keep_max(D8 *a, const D8 *b) { *a = higher_D8(*b, *a); }
 
 INLINE void dot8(const D8 a[3], const double b[3], D8 *out) { *out = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
-INLINE void size_of(const D8 *x, D8 *size) {
-    D8 negative = -*x;
-    *size = *x;
-    keep_max(size, &negative);
+INLINE void cross8(const D8 a[3], const D8 b[3], D8 out[3]) {
+    for (int i = 0; i < 3; i++) out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
 }
+
+INLINE void size_of(const D8 *x, D8 *size) { *size = (D8)((L8)*x & INT64_MAX); }
 
 /* Borders of windows and of their parts do not move, so an edge that lies on the border of two moves in neither: a
  * square whose corners are those of pixels. Windows are put aside, all alike, by more than what counts as on a line and
@@ -26,85 +27,147 @@ INLINE void aside(const D8 *far, const D8 side[3], double precision, double leas
     D8 size = {0}, one;
     for (int a = 0; a < 3; a++) size_of(&side[a], &one), keep_max(&size, &one);
     const D8 rounding = precision * *far;
-    const L8 small = rounding < ASIDE_MOST * size;
-    *by = (D8)((small & (L8)(least + rounding / size)) | (~small & (L8)((D8){0} + ASIDE_MOST)));
+    *by = chosen(less(rounding, ASIDE_MOST * size), least + rounding / size, all_D8(ASIDE_MOST));
 }
 
-INLINE void put_aside(Beams *b, bool f64, uint32_t k) {
-    D8 row[SLT_BEAM_ROWS], q[3], far = {0}, near = {0}, one, s, t;
-    for (uint32_t r = SLT_BEAM_CORNER; r < SLT_BEAM_ROWS; r++) row[r] = *(const Wide *)&b->row[r][k];
-    for (int a = 0; a < 3; a++) size_of(&row[SLT_BEAM_CORNER + a], &one), keep_max(&far, &one);
+INLINE void largest_of(const D8 x[3], D8 *size) {
+    D8 one;
+    size_of(&x[0], size);
+    for (int a = 1; a < 3; a++) size_of(&x[a], &one), keep_max(size, &one);
+}
+
+/* Eight windows of rows of SltBeamRow; those which can be looked through. */
+INLINE uint32_t read_row(Beams *b, bool f64, D8 row[SLT_BEAM_ROWS], uint32_t k, double magnitude) {
+    D8 *corner = row + SLT_BEAM_CORNER, *u = row + SLT_BEAM_U, *v = row + SLT_BEAM_V, c[3], q[3], n[3], eye, near, size,
+       whole, s, t;
+    uint32_t good = 255;
+    for (uint32_t r = 0; r < SLT_BEAM_ROWS; r++) size_of(&row[r], &size), good &= upto(size, all_D8(1e30));
+    for (int a = 0; a < 3; a++) c[a] = corner[a] - row[SLT_BEAM_EYE + a];
+    largest_of(row + SLT_BEAM_EYE, &eye), largest_of(corner, &near);
+    const uint32_t far = less(all_D8(FAR_EYE * magnitude), eye), own = far & less(near, NEAR_WINDOW * eye);
+    b->far |= (uint64_t)far << k;
     /* Where the corner is taken from the origin, the way to the eye rounds nothing. */
-    const L8 own = *(const Wide *)&b->row[BEAM_OWN][k] != 0;
-    for (int a = 0; a < 3; a++)
-        q[a] = *(const Wide *)&b->row[BEAM_Q + a][k], size_of(&q[a], &one), keep_max(&near, &one);
-    far = (D8)((own & (L8)near) | (~own & (L8)far));
-    aside(&far, row + SLT_BEAM_U, f64 ? 0x1p-51 : 0x1p-22, ASIDE_S, &s);
-    aside(&far, row + SLT_BEAM_V, f64 ? 0x1p-51 : 0x1p-22, ASIDE_T, &t);
+    for (int a = 0; a < 3; a++) q[a] = own ? chosen(own, corner[a], c[a]) : c[a];
+    largest_of(q, &size);
+    aside(&size, u, f64 ? 0x1p-51 : 0x1p-22, ASIDE_S, &s);
+    aside(&size, v, f64 ? 0x1p-51 : 0x1p-22, ASIDE_T, &t);
     for (int a = 0; a < 3; a++) {
-        const D8 by = s * row[SLT_BEAM_U + a] + t * row[SLT_BEAM_V + a];
-        *(Wide *)&b->row[SLT_BEAM_CORNER + a][k] = row[SLT_BEAM_CORNER + a] + by;
-        *(Wide *)&b->row[BEAM_Q + a][k] = q[a] + by;
+        const D8 by = s * u[a] + t * v[a];
+        c[a] += by, q[a] += by;
+        *(Wide *)&b->row[SLT_BEAM_EYE + a][k] = row[SLT_BEAM_EYE + a];
+        *(Wide *)&b->row[SLT_BEAM_CORNER + a][k] = c[a], *(Wide *)&b->row[BEAM_Q + a][k] = q[a];
+        *(Wide *)&b->row[SLT_BEAM_U + a][k] = u[a], *(Wide *)&b->row[SLT_BEAM_V + a][k] = v[a];
     }
+    *(Wide *)&b->row[BEAM_OWN][k] = chosen(own, all_D8(1), all_D8(0));
+    /* One that is a line, or passes through its eye, is none. */
+    cross8(v, c, n);
+    whole = u[0] * n[0] + u[1] * n[1] + u[2] * n[2];
+    size_of(&whole, &size);
+    return good & less(all_D8(0), size) & upto(size, all_D8(DBL_MAX));
 }
 
 static void read(Beams *b, bool f64, const void *rays, uint64_t mask, uint32_t width, double magnitude) {
-    const uint32_t padded = (width + 7) / 8 * 8;
-    b->mask = width < LANES ? mask & ((1ull << width) - 1) : mask, b->far = 0;
-    for (uint32_t k = 0; k < SLT_BEAM_ROWS; k++) {
-        double *to = b->row[k];
-        if (f64) memcpy(to, (const double *)rays + (size_t)k * width, width * sizeof *to);
-        else
-            for (uint32_t i = 0; i < width; i++) to[i] = (double)((const float *)rays)[(size_t)k * width + i];
-        for (uint32_t i = width; i < padded; i++) to[i] = 0;
-    }
-    for (uint32_t i = 0; i < width; i += 8) {
-        L8 good = ~(L8){0};
-        for (uint32_t k = 0; k < SLT_BEAM_ROWS; k++) {
-            const D8 at = *(const Wide *)&b->row[k][i];
-            good &= (at <= 1e30) & (at >= -1e30);
+    b->mask = 0, b->far = 0;
+    for (uint32_t k = 0; k < width; k += 8) {
+        D8 row[SLT_BEAM_ROWS];
+        for (uint32_t r = 0; r < SLT_BEAM_ROWS; r++) {
+            const size_t at = (size_t)r * width + k;
+            const uint32_t n = width - k < 8 ? width - k : 8;
+            if (n == 8) {
+                row[r] = f64 ? *(const Wide *)((const double *)rays + at)
+                             : wide_F8(*(const Narrow *)((const float *)rays + at));
+                continue;
+            }
+            row[r] = (D8){0};
+            for (uint32_t i = 0; i < n; i++)
+                row[r][i] = f64 ? ((const double *)rays)[at + i] : (double)((const float *)rays)[at + i];
         }
-        D8 corner[3], c[3], one, eye = {0}, near = {0};
-        for (int a = 0; a < 3; a++) {
-            const D8 from = *(const Wide *)&b->row[SLT_BEAM_EYE + a][i];
-            corner[a] = *(const Wide *)&b->row[SLT_BEAM_CORNER + a][i];
-            size_of(&from, &one), keep_max(&eye, &one), size_of(&corner[a], &one), keep_max(&near, &one);
-            *(Wide *)&b->row[SLT_BEAM_CORNER + a][i] = c[a] = corner[a] - from;
-        }
-        const L8 far = eye > FAR_EYE * magnitude, own = far & (near < NEAR_WINDOW * eye);
-        b->far |= (uint64_t)bits_D8(far) << i;
-        for (int a = 0; a < 3; a++) *(Wide *)&b->row[BEAM_Q + a][i] = (D8)((own & (L8)corner[a]) | (~own & (L8)c[a]));
-        *(Wide *)&b->row[BEAM_OWN][i] = (D8)(own & (L8)((D8){0} + 1));
-        put_aside(b, f64, i);
-        b->mask &= ~((uint64_t)(~bits_D8(good) & 255) << i);
+        b->mask |= (uint64_t)read_row(b, f64, row, k, magnitude) << k;
     }
+    b->mask &= mask & LOW_BITS(width);
 }
 
-static void place(const Window *w, const Beams *b, uint32_t width, Places *out) {
-    out->ahead = 0;
+INLINE uint32_t same(D8 a, double b) { return upto(a, all_D8(b)) & upto(all_D8(b), a); }
+
+/* Where windows lie whose corners are c + 0, u, v or u + v; those ahead. */
+INLINE uint32_t place_any(const Window *w, const D8 c[3], const D8 u[3], const D8 v[3], D8 lo[2], D8 hi[2]) {
+    D8 at[3][4];
+    uint32_t ahead = 255;
+    for (int i = 0; i < 3; i++) {
+        D8 first, s, t;
+        dot8(c, w->plane[i], &first), dot8(u, w->plane[i], &s), dot8(v, w->plane[i], &t);
+        at[i][0] = first, at[i][1] = first + s, at[i][2] = first + t, at[i][3] = first + s + t;
+    }
+    for (int q = 0; q < 4; q++) {
+        const D8 inverse = 1 / at[2][q];
+        ahead &= less(all_D8(0), at[2][q]);
+        for (int i = 0; i < 2; i++) at[i][q] *= inverse;
+    }
+    for (int i = 0; i < 2; i++) {
+        lo[i] = hi[i] = at[i][0];
+        for (int q = 1; q < 4; q++) keep_min(&lo[i], &at[i][q]), keep_max(&hi[i], &at[i][q]);
+    }
+    return ahead;
+}
+
+/* The same of those with the frame's u and v, which lie across as it does; spread: what u and v add, at least and at
+ * most. */
+INLINE uint32_t place_alike(const Window *w, const D8 c[3], const double spread[2][2], D8 lo[2], D8 hi[2], D8 *away) {
+    D8 far, square, at;
+    dot8(c, w->plane[2], &far);
+    *away = far;
+    square = c[0] * c[0] + c[1] * c[1] + c[2] * c[2];
+    const D8 inverse = 1 / far;
+    const L8 power = (L8)(far * w->per_power) & POWER_OF_TWO;
+    for (int i = 0; i < 2; i++) {
+        dot8(c, w->plane[i], &at);
+        lo[i] = (at + spread[i][0]) * inverse, hi[i] = (at + spread[i][1]) * inverse;
+    }
+    return bits_D8(power == w->power) & upto(square, GRAZING * w->per_power * far * far) & less(all_D8(0), far);
+}
+
+static void place(const Window *w, const Beams *b, uint32_t base, uint32_t width, Places *out) {
+    const uint64_t who = b->mask & ~0ull << base;
+    D8 lo_all[2] = {all_D8(HUGE_VAL), all_D8(HUGE_VAL)}, hi_all[2] = {all_D8(-HUGE_VAL), all_D8(-HUGE_VAL)}, area = {0};
+    double spread[2][2] = {{0}};
+    for (int i = 0; i < 2; i++) {
+        const double s = window_dot(w->u, w->plane[i]), t = window_dot(w->v, w->plane[i]), add[3] = {s, t, s + t};
+        for (int q = 0; q < 3; q++) {
+            if (add[q] < spread[i][0]) spread[i][0] = add[q];
+            if (add[q] > spread[i][1]) spread[i][1] = add[q];
+        }
+    }
+    out->ahead = out->alike = 0;
     for (uint32_t k = 0; k < width; k += 8) {
-        D8 u[3], v[3], c[3], at[3][4];
-        L8 ahead = ~(L8){0};
+        const uint32_t on = (uint32_t)(who >> k) & 255;
+        if (!on) continue;
+        D8 u[3], v[3], c[3], lo[2], hi[2], far;
+        uint32_t of_eye = 255, alike = 255, ahead;
         for (int a = 0; a < 3; a++) {
-            ahead &= *(const Wide *)&b->row[SLT_BEAM_EYE + a][k] == w->eye[a];
+            of_eye &= same(*(const Wide *)&b->row[SLT_BEAM_EYE + a][k], w->eye[a]);
             c[a] = *(const Wide *)&b->row[SLT_BEAM_CORNER + a][k];
             u[a] = *(const Wide *)&b->row[SLT_BEAM_U + a][k], v[a] = *(const Wide *)&b->row[SLT_BEAM_V + a][k];
+            alike &= same(u[a], w->u[a]) & same(v[a], w->v[a]);
         }
-        for (int i = 0; i < 3; i++) {
-            D8 first, s, t;
-            dot8(c, w->plane[i], &first), dot8(u, w->plane[i], &s), dot8(v, w->plane[i], &t);
-            at[i][0] = first, at[i][1] = first + s, at[i][2] = first + t, at[i][3] = first + s + t;
-        }
-        for (int q = 0; q < 4; q++) {
-            const D8 inverse = 1 / at[2][q];
-            ahead &= at[2][q] > 0;
-            for (int i = 0; i < 2; i++) at[i][q] *= inverse;
+        const uint32_t across = w->per_power > 0 ? alike : 0;
+        ahead = place_alike(w, c, spread, lo, hi, &far);
+        *(Wide *)&out->far[k] = chosen(across & ahead, far, all_D8(HUGE_VAL));
+        if (on & ~across) {
+            D8 any_lo[2], any_hi[2];
+            const uint32_t any = place_any(w, c, u, v, any_lo, any_hi);
+            ahead = (ahead & across) | (any & ~across);
+            for (int i = 0; i < 2; i++)
+                lo[i] = chosen(across, lo[i], any_lo[i]), hi[i] = chosen(across, hi[i], any_hi[i]);
         }
         for (int i = 0; i < 2; i++) {
-            D8 lo = at[i][0], hi = lo;
-            for (int q = 1; q < 4; q++) keep_min(&lo, &at[i][q]), keep_max(&hi, &at[i][q]);
-            *(Wide *)&out->lo[i][k] = lo, *(Wide *)&out->hi[i][k] = hi;
+            *(Wide *)&out->lo[i][k] = lo[i], *(Wide *)&out->hi[i][k] = hi[i];
+            lo_all[i] = lower(chosen(on, lo[i], lo_all[i]), lo_all[i]);
+            hi_all[i] = higher(chosen(on, hi[i], hi_all[i]), hi_all[i]);
         }
-        out->ahead |= (uint64_t)bits_D8(ahead) << k;
+        area += chosen(on, (hi[0] - lo[0]) * (hi[1] - lo[1]), all_D8(0));
+        out->ahead |= (uint64_t)(ahead & of_eye) << k, out->alike |= (uint64_t)alike << k;
     }
+    for (int i = 0; i < 2; i++) out->all.lo[i] = least_of(lo_all[i]), out->all.hi[i] = -least_of(-hi_all[i]);
+    out->area = 0;
+    for (int i = 0; i < 8; i++) out->area += area[i];
 }

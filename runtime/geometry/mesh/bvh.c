@@ -3,6 +3,7 @@
 
 #include <float.h>
 #include <math.h>
+#include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
@@ -263,6 +264,8 @@ static inline void fit_as(Bvh *b, const void *values, bool f64) {
 }
 
 static void fit(Bvh *b, const void *values) {
+    static atomic_uint_fast64_t versions;
+    b->version = 1 + atomic_fetch_add(&versions, 1);
     if (b->f64) fit_as(b, values, true);
     else fit_as(b, values, false);
 }

@@ -43,6 +43,7 @@ typedef struct Bvh {
     void *leaf;          /* BvhLeaf32 or BvhLeaf64 */
     double magnitude;    /* the largest |coordinate| of a vertex that a triangle has */
     uint32_t unmet;      /* triangles that are never met */
+    uint64_t version;    /* no other tree, nor this one with its vertices elsewhere, has this number */
     double cost, made;   /* area-weighted tests of a ray: now, and when the tree was made */
 } Bvh;
 

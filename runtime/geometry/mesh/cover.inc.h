@@ -28,35 +28,50 @@ INLINE void signs(const Polygon *p, const double g[3], double d[CORNERS], uint32
     *plus &= all, *minus &= all;
 }
 
-/* Where the line passes from corner k to the next. */
-INLINE void add_crossing(const Polygon *p, const double d[CORNERS], uint32_t k, uint32_t next, uint32_t side,
-                         Polygon *to) {
+/* Where a line passes from corner k to the next. */
+typedef struct Passing {
+    double s, t;
+} Passing;
+
+INLINE Passing passing(const Polygon *p, const double d[CORNERS], uint32_t k, uint32_t next) {
     const double at = d[k] / (d[k] - d[next]);
-    add_corner(to, p->s[k] + at * (p->s[next] - p->s[k]), p->t[k] + at * (p->t[next] - p->t[k]), side);
+    return (Passing){p->s[k] + at * (p->s[next] - p->s[k]), p->t[k] + at * (p->t[next] - p->t[k])};
 }
 
-/* What a line leaves of p, less the corners `off`, of which there are some but not all. They are in a row, p being
- * convex; where rounding has bent it by more than ON_LINE, less than that is lost. */
-INLINE void rest_of(const Polygon *p, const double d[CORNERS], uint32_t off, uint32_t side, Polygon *to) {
-    const uint32_t n = p->n, kept = ((1u << n) - 1) & ~off,
-                   first = (uint32_t)__builtin_ctz(kept & (off << 1 | off >> (n - 1))),
-                   before = first ? first - 1 : n - 1;
-    uint32_t k = first;
+/* Corners from `first` to `last`, which are some but not all, and what lies before and behind them on the line unless
+ * they do. They are in a row, p being convex; where rounding has bent it by more than ON_LINE, less than that is lost.
+ */
+INLINE void add_run(const Polygon *p, const double d[CORNERS], uint32_t first, uint32_t last, const Passing *before,
+                    const Passing *behind, uint32_t side, Polygon *to) {
+    const uint32_t n = p->n;
     to->n = 0, to->facet = p->facet, to->least = p->least;
-    if (d[first] != 0) add_crossing(p, d, before, first, p->side[before], to);
-    for (;;) {
-        const uint32_t next = k + 1 < n ? k + 1 : 0;
-        if (off >> next & 1) {
-            const bool on = d[k] == 0;
-            add_corner(to, p->s[k], p->t[k], on ? side : p->side[k]);
-            if (!on) add_crossing(p, d, k, next, side, to);
-            return;
-        }
-        add_corner(to, p->s[k], p->t[k], p->side[k]);
-        k = next;
+    if (d[first] != 0) add_corner(to, before->s, before->t, p->side[first ? first - 1 : n - 1]);
+    for (uint32_t k = first; k != last; k = k + 1 < n ? k + 1 : 0) add_corner(to, p->s[k], p->t[k], p->side[k]);
+    if (d[last] == 0) {
+        add_corner(to, p->s[last], p->t[last], side);
+    } else {
+        add_corner(to, p->s[last], p->t[last], p->side[last]);
+        add_corner(to, behind->s, behind->t, side);
     }
 }
 
+/* Where the corners `kept` begin and end. */
+INLINE void run_of(uint32_t kept, uint32_t n, uint32_t *first, uint32_t *last) {
+    const uint32_t off = ((1u << n) - 1) & ~kept;
+    *first = (uint32_t)__builtin_ctz(kept & (off << 1 | off >> (n - 1)));
+    const uint32_t ends = off & (kept << 1 | kept >> (n - 1)), next = (uint32_t)__builtin_ctz(ends);
+    *last = next ? next - 1 : n - 1;
+}
+
+/* What a line leaves of p, less the corners `off`, of which there are some but not all. */
+INLINE void rest_of(const Polygon *p, const double d[CORNERS], uint32_t off, uint32_t side, Polygon *to) {
+    uint32_t first, last;
+    Passing before = {0}, behind = {0};
+    run_of(((1u << p->n) - 1) & ~off, p->n, &first, &last);
+    if (d[first] != 0) before = passing(p, d, first ? first - 1 : p->n - 1, first);
+    if (d[last] != 0) behind = passing(p, d, last, last + 1 < p->n ? last + 1 : 0);
+    add_run(p, d, first, last, &before, &behind, side, to);
+}
 static void split(const Polygon *p, const double g[3], uint32_t side, Polygon *in, Polygon *out) {
     double d[CORNERS];
     uint32_t plus, minus;
@@ -106,13 +121,23 @@ static void take(Polygon *p, const Facet *f, uint32_t number) {
 }
 
 /* Where at the corners is the depth of f more than the other's, where less? */
-static void compare(const Polygon *p, const Facet *f, const Facet *other, bool *front, bool *behind) {
-    *front = *behind = false;
-    for (uint32_t k = 0; k < p->n; k++) {
-        const double mine = window_at(f->depth, p->s[k], p->t[k]), its = window_at(other->depth, p->s[k], p->t[k]),
-                     near = SAME_DEPTH * (fabs(mine) + fabs(its));
-        *front |= mine - its > near, *behind |= mine - its < -near;
+INLINE void compare_corners(const Polygon *p, const Facet *f, const Facet *other, bool *front, bool *behind) {
+    uint32_t more = 0, less_ = 0;
+    for (uint32_t k = 0; k < p->n; k += 8) {
+        const D8 s = corners_at(p, p->s, k), t = corners_at(p, p->t, k),
+                 mine = f->depth[0] * s + f->depth[1] * t + f->depth[2],
+                 its = other->depth[0] * s + other->depth[1] * t + other->depth[2], apart = mine - its;
+        const uint32_t there = p->n - k < 8 ? (1u << (p->n - k)) - 1 : 255;
+        D8 mine_size, its_size;
+        size_of(&mine, &mine_size), size_of(&its, &its_size);
+        const D8 near = SAME_DEPTH * (mine_size + its_size);
+        more |= less(near, apart) & there, less_ |= less(apart, -near) & there;
     }
+    *front = more != 0, *behind = less_ != 0;
+}
+
+static void compare(const Polygon *p, const Facet *f, const Facet *other, bool *front, bool *behind) {
+    compare_corners(p, f, other, front, behind);
     if (!*front && !*behind) *front = f->triangle < other->triangle;
 }
 
@@ -209,28 +234,122 @@ INLINE bool parted(const Polygon *p, const Facet *f) {
     return reached != 7;
 }
 
+/* Of the polygons that have come into the row; false: out of memory. */
+static bool measure_extents(Store *store) {
+    if (!window_room(store, &store->extents.data, (store->extents.n + 7) / 8, &store->extents.room,
+                     (store->live.n + 7) / 8 - (store->extents.n + 7) / 8, sizeof *store->extents.data))
+        return false;
+    for (; store->extents.n < store->live.n; store->extents.n++) {
+        Extents *to = &store->extents.data[store->extents.n / 8];
+        const uint32_t i = store->extents.n % 8;
+        const Polygon *p = &store->piece.data[store->live.data[store->extents.n]];
+        double lo[2] = {HUGE_VAL, HUGE_VAL}, hi[2] = {-HUGE_VAL, -HUGE_VAL};
+        for (uint32_t k = 0; k < p->n; k++) {
+            lo[0] = p->s[k] < lo[0] ? p->s[k] : lo[0], hi[0] = p->s[k] > hi[0] ? p->s[k] : hi[0];
+            lo[1] = p->t[k] < lo[1] ? p->t[k] : lo[1], hi[1] = p->t[k] > hi[1] ? p->t[k] : hi[1];
+        }
+        for (int a = 0; a < 2; a++) to->lo[a][i] = lo[a], to->hi[a][i] = hi[a];
+        to->area[i] = p->n ? area_of(p) : 0;
+    }
+    return true;
+}
+
+static void remove_live(Store *store, uint32_t which) {
+    store->live.data[which] = 0; /* which is nothing */
+    if (which >= store->extents.n) return;
+    Extents *e = &store->extents.data[which / 8];
+    e->lo[0][which % 8] = HUGE_VAL, e->area[which % 8] = 0;
+}
+
 /* Puts what is left of live[which] without a facet in its place and behind the row. False: out of memory. */
 static bool take_out(Store *store, uint32_t which, uint32_t number) {
     if (!places(store, MOST_PLACES)) return false;
     const Facet *f = &store->facet.data[number];
-    double d[CORNERS];
-    uint32_t plus, minus, at = store->live.data[which];
-    if (parted(&store->piece.data[at], f)) return true;
-    store->live.data[which] = 0; /* which is nothing */
+    const uint32_t start = store->live.data[which];
+    double d[3][CORNERS];
+    uint32_t plus[3], minus[3], at = start;
+    for (int k = 0; k < 3; k++) {
+        signs(&store->piece.data[start], f->g[k], d[k], &plus[k], &minus[k]);
+        if (!plus[k]) return true;
+    }
+    remove_live(store, which);
     for (uint32_t k = 0; k < 3; k++) {
         const Polygon *p = &store->piece.data[at];
-        signs(p, f->g[k], d, &plus, &minus);
-        if (!minus) continue;
-        if (!plus) {
+        if (!minus[k]) continue;
+        if (at != start) signs(p, f->g[k], d[k], &plus[k], &minus[k]);
+        if (!minus[k]) continue;
+        if (!plus[k]) {
             keep(store, at);
             return true;
         }
         Polygon *in = &store->piece.data[store->piece.n];
-        rest_of(p, d, minus, SIDE_OF(number, k), in), rest_of(p, d, plus, SIDE_OF(number, k), in + 1);
+        rest_of(p, d[k], minus[k], SIDE_OF(number, k), in), rest_of(p, d[k], plus[k], SIDE_OF(number, k), in + 1);
         at = store->piece.n, store->piece.n += 2;
         keep(store, at + 1);
     }
     return true;
+}
+
+/* What is seen of a facet and of one in the row, whose polygon is live[which]: what is hidden of either is taken out.
+ * `row`: from where on the facet's own are. False: they cross, or out of memory. */
+static bool part_two(Store *store, uint32_t row, uint32_t which, uint32_t number) {
+    const Facet *f = &store->facet.data[number];
+    const Polygon *other = &store->piece.data[store->live.data[which]];
+    const uint32_t its = (uint32_t)other->facet;
+    const Facet *its_facet = &store->facet.data[its];
+    bool front, behind;
+    if (parted(other, f) || parted(&store->piece.data[f->own], its_facet)) return true;
+    /* Mostly one is in front wherever it, or the other, is. */
+    compare_corners(&store->piece.data[f->own], f, its_facet, &front, &behind);
+    if (front == behind) compare_corners(&store->piece.data[its_facet->own], f, its_facet, &front, &behind);
+    if (front == behind) {
+        Polygon room[2];
+        const Polygon *both = clip(&store->piece.data[f->own], its_facet, its, room);
+        if (!both) return true;
+        compare(both, f, its_facet, &front, &behind);
+        if (front && behind) return false;
+    }
+    if (front) return take_out(store, which, number);
+    for (uint32_t j = row, end = store->live.n; j < end; j++) {
+        const Polygon *rest = &store->piece.data[store->live.data[j]];
+        if (rest->n && rest->facet == (int32_t)number && !take_out(store, j, its)) return false;
+    }
+    return true;
+}
+
+/* Is anything left of the facet? */
+static bool is_seen(const Store *store, uint32_t row, uint32_t number) {
+    for (uint32_t j = row; j < store->live.n; j++) {
+        const Polygon *p = &store->piece.data[store->live.data[j]];
+        if (p->n && p->facet == (int32_t)number) return true;
+    }
+    return false;
+}
+
+/* Parts a facet's polygon, the last in the row, from those before it. What hides all of it hides what it would. */
+static bool part_from_row(Store *store, uint32_t number) {
+    const uint32_t row = store->live.n - 1;
+    const Extents *own = &store->extents.data[row / 8];
+    const uint32_t i = row % 8;
+    const D8 lo[2] = {all_D8(own->lo[0][i]), all_D8(own->lo[1][i])},
+             hi[2] = {all_D8(own->hi[0][i]), all_D8(own->hi[1][i])};
+    for (uint32_t k = 0; k < row; k += 8) {
+        const Extents *e = &store->extents.data[k / 8];
+        uint32_t near = upto(*(const Wide *)e->lo[0], hi[0]) & upto(lo[0], *(const Wide *)e->hi[0]) &
+                        upto(*(const Wide *)e->lo[1], hi[1]) & upto(lo[1], *(const Wide *)e->hi[1]);
+        if (row - k < 8) near &= (1u << (row - k)) - 1;
+        for (; near; near &= near - 1) {
+            if (!part_two(store, row, k + (uint32_t)__builtin_ctz(near), number)) return false;
+            if (!is_seen(store, row, number)) return true;
+        }
+    }
+    return true;
+}
+
+static double area_of_row(const Store *store) {
+    double area = 0;
+    for (uint32_t i = 0; i < store->extents.n; i++) area += store->extents.data[i / 8].area[i % 8];
+    return area;
 }
 
 /* Facets nearest first, each cut from the rectangle at once, less what is in front of it. False: some cross, or out of
@@ -240,48 +359,31 @@ static bool cover_plainly(const Search *s, const Rectangle *r, uint32_t from, ui
     uint32_t *chosen = store->chosen.data + from, kept = 0;
     const double whole = (r->hi[0] - r->lo[0]) * (r->hi[1] - r->lo[1]) * (1 - COVERED);
     double least = HUGE_VAL;
-    Polygon rectangle, room[2];
+    Polygon rectangle;
     set_rectangle(&rectangle, r);
+    store->extents.n = 0;
     for (uint32_t k = 0; k < *n; k++) {
-        const uint32_t number = chosen[k], row = store->live.n;
-        if (s->candidate[number].most <= least) {
-            double area = 0;
-            for (uint32_t i = 0; i < row; i++) area += area_of(&store->piece.data[store->live.data[i]]);
-            if (area >= whole) break;
-        }
+        const uint32_t number = chosen[k];
+        if (!measure_extents(store)) return false;
+        if (s->candidate[number].most <= least && area_of_row(store) >= whole) break;
         if (!places(store, 4)) return false;
         window_facets(s, number + 1);
-        const Facet *f = &store->facet.data[number];
+        Facet *f = &store->facet.data[number];
         Polygon *own = &store->piece.data[store->piece.n];
         const Polygon *p = clip(&rectangle, f, number, own);
         if (!p) continue;
         if (p == &rectangle) *own = rectangle, p = own;
         chosen[kept++] = number;
-        const uint32_t place = (uint32_t)(p - store->piece.data);
+        f->own = (uint32_t)(p - store->piece.data);
         store->piece.n += 2;
-        take(&store->piece.data[place], f, number);
+        take(&store->piece.data[f->own], f, number);
         least = p->least < least ? p->least : least;
-        store->live.data[store->live.n++] = place;
-        for (uint32_t i = 0; i < row; i++) {
-            const Polygon *other = &store->piece.data[store->live.data[i]];
-            if (!other->n || parted(other, f)) continue;
-            const uint32_t its = (uint32_t)other->facet;
-            const Polygon *both = parted(&store->piece.data[place], &store->facet.data[its])
-                                      ? NULL
-                                      : clip(&store->piece.data[place], &store->facet.data[its], its, room);
-            if (!both) continue;
-            bool front, behind;
-            compare(both, f, &store->facet.data[its], &front, &behind);
-            if (front && behind) {
-                for (k++; k < *n; k++) chosen[kept++] = chosen[k];
-                *n = kept;
-                return false;
-            }
-            if (front && !take_out(store, i, number)) return false;
-            for (uint32_t j = row, end = store->live.n; !front && j < end; j++) {
-                const Polygon *rest = &store->piece.data[store->live.data[j]];
-                if (rest->n && rest->facet == (int32_t)number && !take_out(store, j, its)) return false;
-            }
+        store->live.data[store->live.n++] = f->own;
+        if (!measure_extents(store)) return false;
+        if (!part_from_row(store, number)) {
+            for (k++; k < *n; k++) chosen[kept++] = chosen[k];
+            *n = kept;
+            return false;
         }
     }
     return true;

@@ -1,31 +1,29 @@
-/* Triangles that windows may see, eight at a time. Include behind beams.inc.h.
+/* Triangles that windows may see, eight at a time. Include behind sheet.inc.h.
  *
  * What is listed for several windows of one eye does not decide what one of them sees: `survey` asks each triangle
  * again, by arithmetic of the window alone. */
-typedef float Narrow __attribute__((vector_size(32), aligned(4)));
-
-/* A plane through the eye; what is not on its positive side by more than `slack` is outside. */
+/* A plane through the eye; what is not on its positive side by more than it is off is outside. */
 typedef struct Plane {
-    double normal[3], slack;
+    double normal[3], off;
+    bool high[3]; /* the normal goes up, so that a box's most is at its upper end */
 } Plane;
 
 /* Which of a node's boxes are not wholly outside of one of the planes? */
-INLINE uint32_t boxes_in(const BvhNode *n, const Plane plane[4], const double eye[3]) {
-    D8 lo[3], hi[3];
-    for (int a = 0; a < 3; a++) {
-        lo[a] = __builtin_convertvector(*(const Narrow *)n->lo[a], D8) - eye[a];
-        hi[a] = __builtin_convertvector(*(const Narrow *)n->hi[a], D8) - eye[a];
-    }
-    L8 in = lo[0] <= hi[0];
+INLINE uint32_t boxes_in(const BvhNode *n, const Plane plane[4]) {
+    D8 end[3][2];
+    uint32_t in = 255;
+    for (int a = 0; a < 3; a++)
+        end[a][0] = wide_F8(*(const Narrow *)n->lo[a]), end[a][1] = wide_F8(*(const Narrow *)n->hi[a]);
+    in &= upto(end[0][0], end[0][1]);
     for (int p = 0; p < 4; p++) {
-        D8 most = (D8){0} + plane[p].slack;
-        for (int a = 0; a < 3; a++) most += plane[p].normal[a] * (plane[p].normal[a] > 0 ? hi[a] : lo[a]);
-        in &= most >= 0;
+        D8 most = all_D8(plane[p].off);
+        for (int a = 0; a < 3; a++) most += plane[p].normal[a] * end[a][plane[p].high[a]];
+        in &= upto(all_D8(0), most);
     }
-    return bits_D8(in);
+    return in;
 }
 
-static void list_leaves(Search *s, const Plane plane[4], const double eye[3]) {
+static void list_leaves(Search *s, const Plane plane[4]) {
     const BvhScene *scene = &s->scene->tree;
     const Bvh *b = scene->bvh;
     int32_t stack[BVH_STACK];
@@ -35,7 +33,7 @@ static void list_leaves(Search *s, const Plane plane[4], const double eye[3]) {
     stack[depth++] = 0;
     while (depth) {
         const BvhNode *n = &b->node[stack[--depth]];
-        for (uint32_t in = boxes_in(n, plane, eye); in; in &= in - 1) {
+        for (uint32_t in = boxes_in(n, plane); in; in &= in - 1) {
             const int32_t child = n->child[__builtin_ctz(in)];
             if (child >= 0) {
                 if (child) stack[depth++] = child;
@@ -54,11 +52,9 @@ INLINE void corners_of(const Search *s, const double eye[3], uint32_t leaf, cons
     if (!s->scene->tree.moved) {
         for (int k = 0; k < 3; k++)
             for (int a = 0; a < 3; a++)
-                p[k][a] =
-                    (s->f64
-                         ? *(const Wide *)((const BvhLeaf64 *)b->leaf)[leaf].at[k][a]
-                         : __builtin_convertvector(*(const Narrow *)((const BvhLeaf32 *)b->leaf)[leaf].at[k][a], D8)) -
-                    eye[a];
+                p[k][a] = (s->f64 ? *(const Wide *)((const BvhLeaf64 *)b->leaf)[leaf].at[k][a]
+                                  : wide_F8(*(const Narrow *)((const BvhLeaf32 *)b->leaf)[leaf].at[k][a])) -
+                          eye[a];
         return;
     }
     for (uint32_t i = 0; i < 8; i++)
@@ -70,19 +66,6 @@ INLINE void corners_of(const Search *s, const double eye[3], uint32_t leaf, cons
                               eye[a];
         }
     memcpy(p, at, sizeof at);
-}
-
-/* What eight triangles are, before those that are not in the rectangle are left out. */
-typedef struct Columns {
-    double normal[3][3][8], depth[3][8], base[4][8], lo[2][8], hi[2][8];
-    double along[2][4][8];  /* normals and depth times u and v of the window */
-    double spread[2][4][8]; /* Near.spread */
-} Columns;
-
-INLINE D8 which(L8 m, D8 a, D8 b) { return (D8)((m & (L8)a) | (~m & (L8)b)); }
-
-INLINE void cross8(const D8 a[3], const D8 b[3], D8 out[3]) {
-    for (int i = 0; i < 3; i++) out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
 }
 
 /* Of triangles seen from the eye. Their planes are of differences of corners: products of corners cancel by the square
@@ -137,20 +120,30 @@ INLINE void lines_far(const D8 at[3][3], const double eye[3], D8 normal[3][3], D
             (across[(a + 1) % 3] * eye[(a + 2) % 3] - across[(a + 2) % 3] * eye[(a + 1) % 3] + eye[a] * own) / square;
 }
 
-INLINE void make_columns(const Window *w, const Rectangle *r, const D8 at[3][3], Columns *out, uint32_t *in,
-                         uint32_t *turned) {
-    D8 p[3][3], sum[3], base[4], det, size;
-    for (int k = 0; k < 3; k++)
-        for (int a = 0; a < 3; a++) p[k][a] = w->far ? at[k][a] - w->eye[a] : at[k][a];
-    D8 lo[2] = {(D8){0} + HUGE_VAL, (D8){0} + HUGE_VAL}, hi[2] = {-lo[0], -lo[1]};
-    L8 ahead = ~(L8){0}, outside = {0};
+#define ROUNDED 1e-9 /* more than any rounding of 1 / t at a corner */
+
+/* Triangles that lie in the rectangle, until there are eight. */
+typedef struct Waiting {
+    double at[3][3][8], lo[2][8], hi[2][8]; /* at: from the eye, for far ones from the origin */
+    double nearest[8];
+    int32_t triangle[8];
+    uint32_t n;
+} Waiting;
+
+/* Which of eight triangles may lie in the rectangle, and where; nearest: Near. */
+INLINE uint32_t in_rectangle(const Window *w, const Rectangle *r, const D8 at[3][3], D8 lo[2], D8 hi[2], D8 *nearest) {
+    uint32_t ahead = 255, outside = 0;
+    for (int i = 0; i < 2; i++) lo[i] = all_D8(HUGE_VAL), hi[i] = all_D8(-HUGE_VAL);
     for (int k = 0; k < 3; k++) {
-        D8 along, where;
-        dot8(p[k], w->plane[2], &along);
-        ahead &= along > 0;
+        D8 p[3], along, where;
+        for (int a = 0; a < 3; a++) p[a] = w->far ? at[k][a] - w->eye[a] : at[k][a];
+        dot8(p, w->plane[2], &along);
+        ahead &= less(all_D8(0), along);
         along = 1 / along;
+        if (k) keep_max(nearest, &along);
+        else *nearest = along;
         for (int i = 0; i < 2; i++) {
-            dot8(p[k], w->plane[i], &where);
+            dot8(p, w->plane[i], &where);
             where *= along;
             keep_min(&lo[i], &where), keep_max(&hi[i], &where);
         }
@@ -159,67 +152,97 @@ INLINE void make_columns(const Window *w, const Rectangle *r, const D8 at[3][3],
         D8 above, below;
         size_of(&hi[i], &above), size_of(&lo[i], &below);
         lo[i] -= w->beside[i] * (1 + above + below), hi[i] += w->beside[i] * (1 + above + below);
-        outside |= (lo[i] > r->hi[i]) | (hi[i] < r->lo[i]);
-        lo[i] = (D8)((ahead & (L8)lo[i]) | (~ahead & (L8)((D8){0} - HUGE_VAL)));
-        hi[i] = (D8)((ahead & (L8)hi[i]) | (~ahead & (L8)((D8){0} + HUGE_VAL)));
+        outside |= less(all_D8(r->hi[i]), lo[i]) | less(hi[i], all_D8(r->lo[i]));
+        lo[i] = chosen(ahead, lo[i], all_D8(-HUGE_VAL)), hi[i] = chosen(ahead, hi[i], all_D8(HUGE_VAL));
     }
-    outside &= ahead;
-    *in &= ~bits_D8(outside);
-    if (!*in) return;
-    D8 normal[3][3];
-    if (w->far) lines_far(at, w->eye, normal, sum, base, &det);
-    else lines_near((const D8(*)[3])p, normal, sum, &det);
-    size_of(&det, &size);
-    const L8 back = det < 0, good = (size > 0) & (size <= DBL_MAX);
-    *in &= bits_D8(good), *turned = bits_D8(back);
-    const D8 inverse = 1 / det;
-    for (int a = 0; a < 3; a++) {
-        *(Wide *)out->depth[a] = sum[a] *= inverse;
-        for (int k = 0; k < 3; k++)
-            *(Wide *)out->normal[k][a] = normal[k][a] = (D8)((L8)normal[k][a] ^ (back & INT64_MIN));
-    }
-    for (int k = 0; k < 4 && w->far; k++)
-        *(Wide *)out->base[k] = k < 3 ? (D8)((L8)base[k] ^ (back & INT64_MIN)) : base[k] * inverse;
-    for (int k = 0; k < 4; k++) {
-        D8 add[3], least = {0}, most = {0};
-        dot8(k < 3 ? normal[k] : sum, w->u, &add[0]);
-        dot8(k < 3 ? normal[k] : sum, w->v, &add[1]);
-        add[2] = add[0] + add[1];
-        for (int q = 0; q < 3; q++) keep_min(&least, &add[q]), keep_max(&most, &add[q]);
-        *(Wide *)out->along[0][k] = add[0], *(Wide *)out->along[1][k] = add[1];
-        *(Wide *)out->spread[0][k] = least, *(Wide *)out->spread[1][k] = most;
-    }
-    for (int i = 0; i < 2; i++) *(Wide *)out->lo[i] = lo[i], *(Wide *)out->hi[i] = hi[i];
+    *nearest = chosen(w->far ? 0 : ahead, *nearest * (1 + ROUNDED), all_D8(HUGE_VAL));
+    return ~(outside & ahead) & 255;
 }
 
-/* Appends those of a leaf's triangles that lie in the rectangle. */
-static void add_leaf(Search *s, const Window *w, const Rectangle *r, uint32_t leaf) {
+/* Makes of those that wait what windows are asked with. */
+static void add_near(Search *s, const Window *w, Waiting *from) {
+    typedef struct {
+        D8 normal[4][3], spread[4][2], along[4][2], base[4];
+    } Columns;
+    union {
+        Columns column;
+        double at[sizeof(Columns) / sizeof(D8)][8];
+    } made;
+    Columns *c = &made.column;
+    Store *store = s->store;
+    if (!from->n ||
+        !window_room(store, &store->near.data, store->near.n, &store->near.room, 8, sizeof *store->near.data) ||
+        !window_room(store, &store->boxes.data, (store->near.n + 7) / 8, &store->boxes.room, 2,
+                     sizeof *store->boxes.data))
+        return;
+    D8 at[3][3], normal[3][3], det, size;
+    for (int k = 0; k < 3; k++)
+        for (int a = 0; a < 3; a++) {
+            for (uint32_t i = from->n; i < 8; i++) from->at[k][a][i] = from->at[k][a][0];
+            at[k][a] = *(const Wide *)from->at[k][a];
+        }
+    if (w->far) lines_far((const D8(*)[3])at, w->eye, normal, c->normal[3], c->base, &det);
+    else lines_near((const D8(*)[3])at, normal, c->normal[3], &det);
+    size_of(&det, &size);
+    const L8 back = det < 0;
+    const uint32_t good = less(all_D8(0), size) & upto(size, all_D8(DBL_MAX)), turned = bits_D8(back);
+    const D8 inverse = 1 / det;
+    for (int a = 0; a < 3; a++) {
+        c->normal[3][a] *= inverse;
+        for (int k = 0; k < 3; k++) c->normal[k][a] = (D8)((L8)normal[k][a] ^ (back & INT64_MIN));
+    }
+    for (int k = 0; k < 4 && w->far; k++)
+        c->base[k] = k < 3 ? (D8)((L8)c->base[k] ^ (back & INT64_MIN)) : c->base[k] * inverse;
+    for (int k = 0; k < 4; k++) {
+        D8 add[3], least = {0}, most = {0};
+        dot8(c->normal[k], w->u, &add[0]), dot8(c->normal[k], w->v, &add[1]);
+        add[2] = add[0] + add[1];
+        for (int q = 0; q < 3; q++) keep_min(&least, &add[q]), keep_max(&most, &add[q]);
+        c->along[k][0] = add[0], c->along[k][1] = add[1];
+        c->spread[k][0] = least, c->spread[k][1] = most;
+    }
+    for (uint32_t left = good & ((1u << from->n) - 1); left; left &= left - 1) {
+        const uint32_t i = (uint32_t)__builtin_ctz(left), n = store->near.n++;
+        Near *to = &store->near.data[n];
+        NearBoxes *box = &store->boxes.data[n / 8];
+        const double(*column)[8] = (const double(*)[8])made.at;
+        for (int k = 0; k < 4; k++) {
+            for (int a = 0; a < 3; a++) to->normal[k][a] = column[3 * k + a][i];
+            for (int a = 0; a < 2; a++) to->spread[k][a] = column[12 + 2 * k + a][i];
+            for (int a = 0; a < 2; a++) to->along[k][a] = column[20 + 2 * k + a][i];
+            if (w->far) to->base[k] = column[28 + k][i];
+        }
+        to->nearest = from->nearest[i];
+        to->triangle = from->triangle[i], to->turned = turned >> i & 1;
+        for (int a = 0; a < 2; a++) box->lo[a][n % 8] = from->lo[a][i], box->hi[a][n % 8] = from->hi[a][i];
+    }
+    from->n = 0;
+}
+
+/* Those of a leaf's triangles that lie in the rectangle. Of a leaf few do, so they are gathered. */
+static void add_leaf(Search *s, const Window *w, const Rectangle *r, uint32_t leaf, Waiting *to) {
+    typedef struct {
+        double at[8];
+    } Row;
     const Bvh *b = s->scene->tree.bvh;
     const int32_t *triangle =
         s->f64 ? ((const BvhLeaf64 *)b->leaf)[leaf].triangle : ((const BvhLeaf32 *)b->leaf)[leaf].triangle;
-    Columns c;
-    uint32_t in = 0, turned;
-    Store *store = s->store;
-    D8 p[3][3];
-    for (uint32_t i = 0; i < BVH_LEAF; i++) in |= (uint32_t)(triangle[i] >= 0) << i;
     static const double origin[3];
+    D8 p[3][3], lo[2], hi[2], nearest;
     corners_of(s, w->far ? origin : w->eye, leaf, triangle, p);
-    make_columns(w, r, (const D8(*)[3])p, &c, &in, &turned);
-    if (!in || !window_room(store, &store->near.data, store->near.n, &store->near.room, 8, sizeof *store->near.data))
-        return;
+    uint32_t in = in_rectangle(w, r, (const D8(*)[3])p, lo, hi, &nearest);
+    if (!in) return;
+    Row at[3][3], where[4], near;
+    memcpy(at, p, sizeof at), memcpy(where, lo, sizeof lo), memcpy(where + 2, hi, sizeof hi),
+        memcpy(&near, &nearest, sizeof near);
     for (; in; in &= in - 1) {
-        const uint32_t i = (uint32_t)__builtin_ctz(in);
-        Near *to = &store->near.data[store->near.n++];
-        for (int a = 0; a < 3; a++) {
-            to->depth[a] = c.depth[a][i];
-            for (int k = 0; k < 3; k++) to->normal[k][a] = c.normal[k][a][i];
-        }
-        for (int k = 0; k < 4 && w->far; k++) to->base[k] = c.base[k][i];
-        for (int a = 0; a < 2; a++) {
-            to->lo[a] = c.lo[a][i], to->hi[a] = c.hi[a][i];
-            for (int k = 0; k < 4; k++) to->along[a][k] = c.along[a][k][i], to->spread[a][k] = c.spread[a][k][i];
-        }
-        to->triangle = triangle[i], to->turned = turned >> i & 1;
+        const uint32_t i = (uint32_t)__builtin_ctz(in), n = to->n;
+        if (triangle[i] < 0) continue;
+        for (int k = 0; k < 3; k++)
+            for (int a = 0; a < 3; a++) to->at[k][a][n] = at[k][a].at[i];
+        for (int a = 0; a < 2; a++) to->lo[a][n] = where[a].at[i], to->hi[a][n] = where[2 + a].at[i];
+        to->triangle[n] = triangle[i], to->nearest[n] = near.at[i];
+        if (++to->n == 8) add_near(s, w, to);
     }
 }
 
@@ -228,115 +251,233 @@ static void list(Search *s, const Window *w, const Rectangle *r) {
     Plane plane[4];
     for (int p = 0; p < 4; p++) {
         const double sign = p & 1 ? -1 : 1, at = p & 1 ? r->hi[p / 2] : r->lo[p / 2];
-        plane[p].slack = 0;
+        plane[p].off = 0;
         for (int a = 0; a < 3; a++) {
             const double n = sign * (w->plane[p / 2][a] - at * w->plane[2][a]),
                          far = scene->bvh->magnitude + fabs(w->eye[a]) + scene->slack;
-            plane[p].normal[a] = n, plane[p].slack += fabs(n) * (scene->slack + 1e-12 * far);
+            plane[p].normal[a] = n, plane[p].high[a] = n > 0;
+            plane[p].off += fabs(n) * (scene->slack + 1e-12 * far) - n * w->eye[a];
         }
     }
     Store *store = s->store;
     store->near.n = 0;
-    list_leaves(s, plane, w->eye);
-    for (uint32_t i = 0; i < store->list.n; i++) add_leaf(s, w, r, (uint32_t)store->list.data[i]);
+    list_leaves(s, plane);
+    Waiting waiting;
+    waiting.n = 0;
+    for (uint32_t i = 0; i < store->list.n; i++) add_leaf(s, w, r, (uint32_t)store->list.data[i], &waiting);
+    add_near(s, w, &waiting);
+    for (uint32_t i = store->near.n; i % 8; i++) store->boxes.data[i / 8].lo[0][i % 8] = HUGE_VAL;
 }
 
-/* Of d . n at the corners of the windows of eight lanes. */
-INLINE void range_of(const double n[3], const double *base, const Beams *b, uint32_t k, bool alike, double below,
-                     double above, D8 *first, D8 *least, D8 *most) {
-    D8 row[3], c, s, t;
-    for (int a = 0; a < 3; a++) row[a] = *(const Wide *)&b->row[BEAM_Q + a][k];
-    dot8(row, n, &c);
-    if (base) c += *(const Wide *)&b->row[BEAM_OWN][k] * *base;
+/* Windows of eight lanes, what hides what they may see, and what may be all that one sees. */
+typedef struct Row {
+    D8 q[3], own, u[3], v[3];
+    D8 hidden;                /* 1 / t of what fills the window is at least this */
+    D8 filling, most, others; /* of what that is: its number, the most of its 1 / t, and that of all others */
+    D8 facing[2];             /* the most of 1 / t of those which are not turned, and of those which are */
+} Row;
+
+/* Of d . n at the corners of the windows of eight lanes; spread: Near. */
+INLINE void range_of(const double n[3], const double *base, const double spread[2], const Row *row, bool alike,
+                     D8 *first, D8 *least, D8 *most) {
+    D8 c, s, t;
+    dot8(row->q, n, &c);
+    if (base) c += row->own * *base;
     *first = c;
-    *least = *most = c;
     if (alike) {
-        *least = c + below, *most = c + above;
+        *least = c + spread[0], *most = c + spread[1];
         return;
     }
-    for (int a = 0; a < 3; a++) row[a] = *(const Wide *)&b->row[SLT_BEAM_U + a][k];
-    dot8(row, n, &s);
-    for (int a = 0; a < 3; a++) row[a] = *(const Wide *)&b->row[SLT_BEAM_V + a][k];
-    dot8(row, n, &t);
+    *least = *most = c;
+    dot8(row->u, n, &s), dot8(row->v, n, &t);
     D8 at[3] = {s + c, t + c, s + t + c};
     for (int q = 0; q < 3; q++) keep_min(least, &at[q]), keep_max(most, &at[q]);
 }
 
-/* Appends what the windows of eight lanes may see of a triangle, in no order. */
-INLINE void meet_lanes(Store *store, const Beams *b, const Places *lie, uint32_t number, uint32_t k, uint32_t on,
-                       bool alike, bool far, D8 *hidden) {
-    typedef struct {
-        double at[8];
-    } Row;
-    const Near *t = &store->near.data[number];
+/* Adds what the windows may see of a triangle. */
+INLINE void meet_row(Store *store, const Places *lie, uint32_t near, uint32_t k, uint32_t on, bool alike, bool far,
+                     Row *row) {
+    const Near *t = &store->near.data[near];
+    const NearBoxes *box = &store->boxes.data[near / 8];
+    const uint32_t i = near % 8;
     const D8 zero = {0};
-    uint32_t some = on & upto(*(const Wide *)&lie->lo[0][k], all_D8(t->hi[0])) &
-                    upto(all_D8(t->lo[0]), *(const Wide *)&lie->hi[0][k]) &
-                    upto(*(const Wide *)&lie->lo[1][k], all_D8(t->hi[1])) &
-                    upto(all_D8(t->lo[1]), *(const Wide *)&lie->hi[1][k]);
+    uint32_t some = on & upto(*(const Wide *)&lie->lo[0][k], all_D8(box->hi[0][i])) &
+                    upto(all_D8(box->lo[0][i]), *(const Wide *)&lie->hi[0][k]) &
+                    upto(*(const Wide *)&lie->lo[1][k], all_D8(box->hi[1][i])) &
+                    upto(all_D8(box->lo[1][i]), *(const Wide *)&lie->hi[1][k]);
     if (!some) return;
     uint32_t filling = some;
     D8 least, most, first[4];
-    for (int e = 0; e < 3; e++) {
-        range_of(t->normal[e], far ? &t->base[e] : NULL, b, k, alike, t->spread[0][e], t->spread[1][e], &first[e],
-                 &least, &most);
-        some &= less(zero, most), filling &= less(zero, least);
+    for (int e = 0; e < 4; e++) {
+        range_of(t->normal[e], far ? &t->base[e] : NULL, t->spread[e], row, alike, &first[e], &least, &most);
+        if (e < 3) some &= less(zero, most), filling &= less(zero, least);
     }
-    range_of(t->depth, far ? &t->base[3] : NULL, b, k, alike, t->spread[0][3], t->spread[1][3], &first[3], &least,
-             &most);
-    some &= upto(*hidden, most) & upto(all_D8(-DBL_MAX), least) & upto(most, all_D8(DBL_MAX));
+    some &= upto(row->hidden, most) & upto(all_D8(-DBL_MAX), least) & upto(most, all_D8(DBL_MAX));
     if (!some) return;
-    filling &= some;
-    D8 nearest = chosen(filling, least, *hidden);
-    keep_max(hidden, &nearest);
-    Row low, high, c[3];
-    memcpy(&low, &least, sizeof low), memcpy(&high, &most, sizeof high), memcpy(c, first, sizeof c);
-    for (; some; some &= some - 1) {
-        const uint32_t i = (uint32_t)__builtin_ctz(some);
-        store->found.data[store->found.n++] = (Candidate){.least = low.at[i],
-                                                          .most = high.at[i],
-                                                          .c = {c[0].at[i], c[1].at[i], c[2].at[i]},
-                                                          .triangle = t->triangle,
-                                                          .near = number,
-                                                          .lane = (uint8_t)(k + i),
-                                                          .fills = filling >> i & 1};
+    /* Its plane may come nearer than it does. */
+    const D8 nearest = *(const Wide *)&lie->far[k] * t->nearest;
+    least = lower(least, nearest), most = lower(most, nearest);
+    filling &= some & less(row->hidden, least);
+    const D8 other = chosen(filling, row->most, chosen(some, most, row->others));
+    keep_max(&row->others, &other);
+    const uint32_t turned = t->turned ? some : 0;
+    row->facing[0] = chosen(some & ~turned, higher(most, row->facing[0]), row->facing[0]);
+    row->facing[1] = chosen(turned, higher(most, row->facing[1]), row->facing[1]);
+    row->hidden = chosen(filling, least, row->hidden), row->most = chosen(filling, most, row->most);
+    row->filling = chosen(filling, all_D8(near), row->filling);
+    store->met.data[store->found.n] = (uint8_t)some;
+    Found *to = &store->found.data[store->found.n++];
+    *(Wide *)to->least = least, *(Wide *)to->most = most;
+    for (int e = 0; e < 3; e++) *(Wide *)to->c[e] = first[e];
+    to->near = near, to->turned = t->turned;
+}
+
+/* Of the n numbers most[], from the greatest on, of equal ones the lower triangle first, which place has number i? */
+INLINE uint32_t place_of(const Store *store, uint32_t n, uint32_t i) {
+    const D8 mine = all_D8(store->most.data[i]);
+    uint32_t before = 0;
+    for (uint32_t k = 0; k < n; k += 8) {
+        const D8 its = *(const Wide *)&store->most.data[k];
+        uint32_t equal_ = upto(mine, its);
+        const uint32_t greater = less(mine, its);
+        before += (uint32_t)__builtin_popcount(greater), equal_ &= ~greater;
+        if (k == i / 8 * 8) equal_ &= ~(1u << i % 8);
+        for (; equal_; equal_ &= equal_ - 1) {
+            const uint32_t a = store->found.data[store->order.data[i]].near,
+                           b = store->found.data[store->order.data[k + (uint32_t)__builtin_ctz(equal_)]].near;
+            before += store->near.data[b].triangle < store->near.data[a].triangle;
+        }
     }
+    return before;
+}
+
+/* Adds what the window of lane i of the row has met to the candidates of lane k, and, for what may be one sheet, to the
+ * parts, of which there are *parts (sheet.inc.h). */
+INLINE void add_candidates(Search *s, const Beams *b, Neighbours *group, uint32_t k, uint32_t i, uint32_t *parts) {
+    Store *store = s->store;
+    uint32_t n = 0;
+    for (uint32_t at = 0; at < store->found.n; at += 64)
+        for (uint64_t who = column(&store->met.data[at], i); who; who &= who - 1) {
+            const uint32_t number = at + (uint32_t)__builtin_ctzll(who);
+            store->order.data[n] = number, store->most.data[n++] = store->found.data[number].most[i];
+        }
+    for (uint32_t at = n; at % 8; at++) store->most.data[at] = -HUGE_VAL;
+    group->first[k] = store->candidate.n;
+    if (!window_room(store, &store->candidate.data, store->candidate.n, &store->candidate.room, n,
+                     sizeof *store->candidate.data))
+        return;
+    Candidate *to = store->candidate.data + store->candidate.n;
+    if (parts && (n > FEW_FACETS || !window_room(store, &store->parts.data, (*parts + 7) / 8, &store->parts.room,
+                                                 FEW_FACETS / 8 + 1, sizeof *store->parts.data)))
+        parts = NULL;
+    for (uint32_t at = 0; at < n; at++) {
+        const Found *f = &store->found.data[store->order.data[at]];
+        const Near *near = &store->near.data[f->near];
+        to[n <= FEW_FACETS ? place_of(store, n, at) : at] = (Candidate){.least = f->least[i],
+                                                                        .most = f->most[i],
+                                                                        .triangle = near->triangle,
+                                                                        .near = f->near,
+                                                                        .part = parts ? *parts : 0,
+                                                                        .turned = f->turned};
+        if (!parts) continue;
+        for (int e = 0; e < 3; e++) set_part(s, near, b, k, group->alike, e, f->c[e][i], *parts);
+        ++*parts;
+    }
+    store->candidate.n += n, group->count[k] = n;
+}
+
+/* Finds what is listed and may lie in the row's windows; false: out of memory. */
+INLINE bool meet_listed(Store *store, const Places *lie, uint32_t k, uint32_t on, bool alike, bool far, Row *to) {
+    Row row = *to;
+    double lo[2], hi[2];
+    for (int a = 0; a < 2; a++) {
+        lo[a] = least_of(chosen(on, *(const Wide *)&lie->lo[a][k], all_D8(HUGE_VAL)));
+        hi[a] = -least_of(-chosen(on, *(const Wide *)&lie->hi[a][k], all_D8(-HUGE_VAL)));
+    }
+    for (uint32_t near = 0; near < store->near.n; near += 8) {
+        const NearBoxes *box = &store->boxes.data[near / 8];
+        uint32_t in = 255;
+        for (int a = 0; a < 2; a++)
+            in &= upto(all_D8(lo[a]), *(const Wide *)box->hi[a]) & upto(*(const Wide *)box->lo[a], all_D8(hi[a]));
+        if (!in) continue;
+        if (!window_room(store, &store->found.data, store->found.n, &store->found.room, 8, sizeof *store->found.data) ||
+            !window_room(store, &store->met.data, store->found.n, &store->met.room, 128, 1))
+            return false;
+        for (; in; in &= in - 1) meet_row(store, lie, near + (uint32_t)__builtin_ctz(in), k, on, alike, far, &row);
+    }
+    *to = row;
+    return true;
+}
+
+/* What the windows of the row may see; false: nothing, or out of memory. */
+static bool find_in_row(Store *store, const Beams *b, const Places *lie, uint32_t k, uint32_t on, bool alike, bool far,
+                        Row *row) {
+    for (int a = 0; a < 3; a++) {
+        row->q[a] = *(const Wide *)&b->row[BEAM_Q + a][k];
+        row->u[a] = *(const Wide *)&b->row[SLT_BEAM_U + a][k], row->v[a] = *(const Wide *)&b->row[SLT_BEAM_V + a][k];
+    }
+    row->own = *(const Wide *)&b->row[BEAM_OWN][k];
+    row->hidden = row->most = row->others = row->facing[0] = row->facing[1] = all_D8(-HUGE_VAL);
+    row->filling = all_D8(0);
+    store->found.n = 0;
+    if (!(alike && !far ? meet_listed(store, lie, k, on, true, false, row)
+                        : meet_listed(store, lie, k, on, alike, far, row)) ||
+        !store->found.n)
+        return false;
+    const uint32_t n = store->found.n;
+    memset(store->met.data + n, 0, 64);
+    return window_room(store, &store->order.data, 0, &store->order.room, n, sizeof *store->order.data) &&
+           window_room(store, &store->most.data, 0, &store->most.room, n + 8, sizeof *store->most.data);
 }
 
 static void survey(Search *s, const Beams *b, const Places *lie, Neighbours *group) {
     Store *store = s->store;
     const bool far = b->far >> group->base & 1; /* they share their eye */
-    D8 hidden[LANES / 8];
-    double nearest[LANES];
-    uint32_t *first = group->first, count[LANES];
     const uint32_t end = group->last + 1;
     const uint64_t who = b->mask & LOW_BITS(end) & ~0ull << group->base;
-    for (uint32_t k = group->base / 8; k <= group->last / 8; k++) hidden[k] = all_D8(-HUGE_VAL);
-    for (uint32_t k = group->base; k < end; k++) first[k] = count[k] = 0;
-    store->found.n = store->candidate.n = first[end] = 0;
-    if (!store->near.n) return;
-    for (uint32_t i = 0; i < store->near.n; i++) {
-        if (!window_room(store, &store->found.data, store->found.n, &store->found.room, LANES,
-                         sizeof *store->found.data))
-            return;
-        for (uint32_t k = group->base / 8 * 8; k <= group->last; k += 8) {
-            const uint32_t on = (uint32_t)(who >> k) & 255;
-            if (on) meet_lanes(store, b, lie, i, k, on, group->alike, far, &hidden[k / 8]);
+    uint32_t parts = 0;
+    store->candidate.n = 0, group->whole = 0;
+    for (uint32_t k = group->base / 8 * 8; k < end; k += 8) {
+        const uint32_t on = (uint32_t)(who >> k) & 255;
+        Row row;
+        for (uint32_t i = 0; i < 8; i++) group->count[k + i] = 0;
+        if (!on || !find_in_row(store, b, lie, k, on, group->alike, far, &row)) continue;
+        const uint32_t whole = less(row.others, row.hidden) & on;
+        group->whole |= (uint64_t)whole << k;
+        if (whole) {
+            double filling[8];
+            memcpy(filling, &row.filling, sizeof filling);
+            for (uint32_t left = whole; left; left &= left - 1) {
+                const uint32_t i = (uint32_t)__builtin_ctz(left), number = (uint32_t)filling[i];
+                group->triangle[k + i] = store->near.data[number].triangle;
+            }
+        }
+        if (whole == on) continue;
+        const uint32_t facing[2] = {less(row.facing[1], row.facing[0]), less(row.facing[0], row.facing[1])};
+        for (uint32_t i = 0; i < store->found.n; i++) {
+            const Found *f = &store->found.data[i];
+            /* Where none is nearest, as the others reach as far, it is no sheet: any will do. */
+            const uint32_t its = f->turned ? ~facing[0] : ~facing[1];
+            store->met.data[i] &= (uint8_t)(its & ~less(*(const Wide *)f->most, row.hidden));
+        }
+        const D8 others = chosen(facing[1], row.facing[0], row.facing[1]);
+        *(Wide *)&group->others[k] = chosen(less(others, row.hidden), all_D8(-HUGE_VAL), others);
+        for (uint32_t open = on & ~whole; open; open &= open - 1) {
+            const uint32_t i = (uint32_t)__builtin_ctz(open);
+            add_candidates(s, b, group, k + i, i, &parts);
+            if (!((facing[0] | facing[1]) >> i & 1)) group->others[k + i] = HUGE_VAL;
         }
     }
-    if (!window_room(store, &store->candidate.data, 0, &store->candidate.room, store->found.n,
-                     sizeof *store->candidate.data))
-        return;
-    for (uint32_t k = group->base / 8; k <= group->last / 8; k++) memcpy(&nearest[8 * k], &hidden[k], sizeof hidden[k]);
-    /* By lane, less what is hidden. */
-    for (uint32_t i = 0; i < store->found.n; i++) {
-        const Candidate *c = &store->found.data[i];
-        count[c->lane] += !(c->most < nearest[c->lane]);
-    }
-    for (uint32_t k = group->base; k < end; k++) first[k + 1] = first[k] + count[k], count[k] = first[k];
-    for (uint32_t i = 0; i < store->found.n; i++) {
-        const Candidate *c = &store->found.data[i];
-        if (!(c->most < nearest[c->lane])) store->candidate.data[count[c->lane]++] = *c;
-    }
-    store->candidate.n = first[end];
+    measure_sheets(s, parts);
+}
+
+static void survey_all(Search *s, const Beams *b, const Places *lie, Neighbours *group, uint32_t lane) {
+    Store *store = s->store;
+    const uint32_t k = lane / 8 * 8, i = lane % 8;
+    Row row;
+    group->count[lane] = 0;
+    if (!find_in_row(store, b, lie, k, 1u << i, group->alike, b->far >> lane & 1, &row)) return;
+    for (uint32_t f = 0; f < store->found.n; f++)
+        store->met.data[f] &= (uint8_t)~less(*(const Wide *)store->found.data[f].most, row.hidden);
+    add_candidates(s, b, group, lane, i, NULL);
 }

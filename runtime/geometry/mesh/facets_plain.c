@@ -9,15 +9,16 @@
 #include "beams.inc.h"
 
 #include "cover.inc.h"
+#include "sheet.inc.h"
+
 #include "facets.inc.h"
 #include "beam.inc.h"
-#include "sheet.inc.h"
 
 const FacetSearch facets_plain = {.read = read,
                                   .place = place,
                                   .list = list,
                                   .survey = survey,
-                                  .sheets = measure_sheets,
+                                  .survey_all = survey_all,
                                   .cover = cover_all,
                                   .split = split};
 const BeamSearch beam_plain = {.boxes = beam_boxes, .triangles = beam_triangles};

@@ -2,6 +2,7 @@
 #include "pieces.h"
 
 #include <math.h>
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -9,8 +10,15 @@
 #include "saltus/query.h"
 #include "window.h"
 
-enum { HALVINGS = 40 }; /* at most */
+enum {
+    HALVINGS = 40, /* at most */
+    FEW_NEAR = 64, /* triangles listed for windows: for more windows then */
+    MANY_NEAR = 160,
+    MOST_REACH = 15 /* times as many windows */
+};
 #define BESIDE 1e-9 /* by which what lies where is widened, at least */
+#define UNLIKELY 1.37 /* distances are powers of two, but not times this */
+#define UNSTEADY 0.05 /* of several: rows of pixels in single precision are not quite straight */
 #define SPARSE 4.0 /* times the area of windows is what is looked through for them together, at most */
 
 /* ---- windows */
@@ -28,18 +36,30 @@ void window_planes(Window *w) {
     w->beside[1] = BESIDE + away * sqrt(window_dot(w->u, w->u));
 }
 
-/* False: a window that is a line, or passes through its eye. */
-static bool window_set(Window *w, const Beams *b, uint32_t lane) {
-    double n[3];
+static void window_set(Window *w, const Beams *b, uint32_t lane) {
     for (int a = 0; a < 3; a++) {
         w->eye[a] = b->row[SLT_BEAM_EYE + a][lane], w->c[a] = b->row[SLT_BEAM_CORNER + a][lane];
         w->u[a] = b->row[SLT_BEAM_U + a][lane], w->v[a] = b->row[SLT_BEAM_V + a][lane];
         w->q[a] = b->row[BEAM_Q + a][lane];
     }
     w->far = b->far >> lane & 1, w->own = b->row[BEAM_OWN][lane];
-    window_cross(w->v, w->c, n);
-    const double whole = window_dot(w->u, n);
-    return whole != 0 && isfinite(whole);
+}
+
+/* Windows of one eye with the same sides have one frame, in which it is told where they and triangles lie: a window
+ * across from the eye, about as far as they are, by a power of two. So what a window may see hangs on itself alone,
+ * not on those that are looked through with it. */
+static void window_frame(Window *w, const Beams *b, uint32_t lane) {
+    double n[3];
+    window_set(w, b, lane);
+    window_cross(w->u, w->v, n);
+    const double along = window_dot(w->c, n), per_power = UNLIKELY / window_dot(n, n), at = fabs(along) * per_power;
+    double far;
+    w->per_power = 0, w->power = 0;
+    if (!(at >= 1e-200 && at <= 1e200 && window_dot(w->c, w->c) <= GRAZING * per_power * along * along)) return;
+    memcpy(&w->power, &at, sizeof at);
+    w->power &= POWER_OF_TWO, w->per_power = per_power;
+    memcpy(&far, &w->power, sizeof far);
+    for (int a = 0; a < 3; a++) w->c[a] = (along < 0 ? -far : far) * n[a];
 }
 
 /* Parts of windows are no halves, as windows are put aside (beams.inc.h). */
@@ -53,15 +73,6 @@ static int nearest_first(const void *x, const void *y) {
     const Candidate *a = x, *b = y;
     if (a->most != b->most) return a->most < b->most ? 1 : -1;
     return (a->triangle > b->triangle) - (a->triangle < b->triangle);
-}
-
-/* Numbers of a few candidates, nearest first. */
-static void order_few(const Candidate *c, uint32_t n, uint8_t order[FEW_FACETS]) {
-    for (uint32_t i = 0; i < n; i++) {
-        uint32_t k = i;
-        for (; k > 0 && nearest_first(&c[order[k - 1]], &c[i]) > 0; k--) order[k] = order[k - 1];
-        order[k] = (uint8_t)i;
-    }
 }
 
 /* Where each facet lies, before a window is halved. */
@@ -153,29 +164,16 @@ static __attribute__((noinline)) void keep_beam(Search *s) {
     (void)PUSH(s->store, s->store->beam, b);
 }
 
-static void look_through(Search *s, Candidate *c, uint32_t n) {
+static void look_through(Search *s, const Beams *b, uint32_t lane, Candidate *c, uint32_t n) {
     Store *store = s->store;
-    if (s->scene->outlined) keep_beam(s);
-    if (n == 1 && c->fills) {
-        told_whole(s, c->triangle);
-        return;
-    }
-    if (n <= FEW_FACETS) {
-        uint8_t order[FEW_FACETS];
-        order_few(c, n, order);
-        if (n >= 2 && !s->scene->outlined && told_sheet(s, c, n, order)) return;
-        Candidate *sorted = store->found.data; /* nobody needs these any more, of which c are some */
-        for (uint32_t i = 0; i < n; i++) sorted[i] = c[order[i]];
-        c = sorted;
-    } else {
-        qsort(c, n, sizeof *c, nearest_first);
-    }
+    if (n > FEW_FACETS) qsort(c, n, sizeof *c, nearest_first);
     store->facet.n = store->chosen.n = 0;
     if (!window_room(store, &store->facet.data, 0, &store->facet.room, n, sizeof *store->facet.data) ||
         !window_room(store, &store->chosen.data, 0, &store->chosen.room, n, sizeof *store->chosen.data))
         return;
     s->candidate = c;
     for (uint32_t i = 0; i < n; i++) store->chosen.data[store->chosen.n++] = i;
+    window_set(&s->window, b, lane);
     if (n > FEW_FACETS || s->scene->adjacency) window_planes(&s->window);
     if (n > FEW_FACETS) {
         window_facets(s, n);
@@ -187,9 +185,16 @@ static void look_through(Search *s, Candidate *c, uint32_t n) {
 /* Lanes from `base` on that look from one eye through windows side by side, which are listed for together. */
 static void neighbours(const Beams *b, uint32_t base, uint32_t width, const Places *lie, Rectangle *all,
                        Neighbours *n) {
-    n->base = n->last = base, n->alike = true;
-    double area = 1;
-    *all = (Rectangle){{0, 0}, {1, 1}};
+    n->base = n->last = base;
+    const uint64_t later = b->mask & ~1ull << base;
+    if (!(later & ~lie->ahead) && area_of(&lie->all) <= SPARSE * lie->area) {
+        *all = lie->all;
+        if (later) n->last = 63 - (uint32_t)__builtin_clzll(later);
+        n->alike = !(later & ~lie->alike);
+        return;
+    }
+    *all = (Rectangle){{lie->lo[0][base], lie->lo[1][base]}, {lie->hi[0][base], lie->hi[1][base]}}, n->alike = true;
+    double area = area_of(all);
     for (uint32_t k = base + 1; k < width; k++) {
         if (!(b->mask >> k & 1)) continue;
         if (!(lie->ahead >> k & 1)) break;
@@ -200,9 +205,50 @@ static void neighbours(const Beams *b, uint32_t base, uint32_t width, const Plac
         }
         if (!(area_of(&wider) <= SPARSE * (area + area_of(&own)))) break;
         area += area_of(&own);
-        *all = wider, n->last = k;
-        for (int r = SLT_BEAM_U; r < SLT_BEAM_ROWS; r++) n->alike &= b->row[r][k] == b->row[r][base];
+        *all = wider, n->last = k, n->alike &= lie->alike >> k & 1;
     }
+}
+
+/* ---- what is listed */
+
+static bool same_frame(const Window *a, const Window *b) {
+    return a->far == b->far && !memcmp(a, b, offsetof(Window, far)); /* eye, u, v, c */
+}
+
+/* Where windows follow each other, as those of the pixels of an image do, triangles are listed for some of them ahead,
+ * for more if they are few. How far changes no answer. */
+static void look_ahead(Listed *l, uint32_t near, const Rectangle *all) {
+    int axis = -1;
+    double by[2];
+    for (int a = 0; a < 2; a++) {
+        const double size = all->hi[a] - all->lo[a];
+        by[a] = 0.5 * (all->lo[a] + all->hi[a]) - l->middle[a];
+        if (fabs(by[a]) <= 0.5 * size) continue;
+        if (axis >= 0 || fabs(by[a]) > 1.5 * size) return;
+        axis = a;
+    }
+    if (axis < 0) return;
+    if (near <= FEW_NEAR) l->reach = l->reach < MOST_REACH ? 2 * l->reach + 1 : l->reach;
+    else if (near > MANY_NEAR) l->reach /= 2;
+    (by[axis] < 0 ? l->in.lo : l->in.hi)[axis] += l->reach * by[axis];
+    for (int a = 0; a < 2; a++) {
+        const double unsteady = UNSTEADY * (all->hi[a] - all->lo[a]);
+        l->in.lo[a] -= unsteady, l->in.hi[a] += unsteady;
+    }
+}
+
+/* Lists what windows in a rectangle of the frame may see; again: it is the frame of what was listed. */
+static void list_for(Search *s, const Window *frame, bool again, const Rectangle *all) {
+    Listed *l = &s->store->listed;
+    const Rectangle *in = &l->in;
+    if (again && all->lo[0] >= in->lo[0] && all->lo[1] >= in->lo[1] && all->hi[0] <= in->hi[0] &&
+        all->hi[1] <= in->hi[1])
+        return;
+    l->in = *all;
+    if (again) look_ahead(l, s->store->near.n, all);
+    else l->window = *frame, l->reach = 0;
+    s->scene->facets->list(s, &l->window, &l->in);
+    l->version = s->scene->tree.moved || s->store->lost ? 0 : s->scene->tree.bvh->version;
 }
 
 bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint32_t width, int32_t *witness) {
@@ -216,23 +262,31 @@ bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint3
     scene->facets->read(&beams, s.f64, rays, mask, width, scene->tree.bvh->magnitude);
     while (beams.mask) {
         const uint32_t base = (uint32_t)__builtin_ctzll(beams.mask);
-        Window window;
-        if (!window_set(&window, &beams, base)) {
-            beams.mask &= beams.mask - 1;
-            continue;
-        }
-        window_planes(&window);
-        scene->facets->place(&window, &beams, width, &lie);
+        Listed *listed = &s.store->listed;
+        Window frame;
+        window_frame(&frame, &beams, base);
+        const bool again =
+            listed->version == scene->tree.bvh->version && !scene->tree.moved && same_frame(&frame, &listed->window);
+        if (!again) window_planes(&frame);
+        scene->facets->place(again ? &listed->window : &frame, &beams, base, width, &lie);
         neighbours(&beams, base, width, &lie, &all, &group);
-        scene->facets->list(&s, &window, &all);
-        scene->facets->survey(&s, &beams, &lie, &group);
-        if (!scene->outlined) scene->facets->sheets(&s, &beams, &group);
+        list_for(&s, &frame, again, &all);
+        for (int a = 0; a < 2; a++) listed->middle[a] = 0.5 * (all.lo[a] + all.hi[a]);
         s.alike = group.alike;
-        for (uint32_t k = base; k <= group.last; k++) {
-            if (!(beams.mask >> k & 1)) continue;
-            const uint32_t n = group.first[k + 1] - group.first[k];
+        if (s.store->near.n) scene->facets->survey(&s, &beams, &lie, &group);
+        for (uint32_t k = base; k <= group.last && s.store->near.n; k++) {
+            const bool whole = group.whole >> k & 1;
+            const uint32_t n = group.count[k];
+            if (!n && !whole) continue;
             s.first = s.last = 0;
-            if (n && window_set(&s.window, &beams, k)) look_through(&s, s.store->candidate.data + group.first[k], n);
+            if (scene->outlined) window_set(&s.window, &beams, k), keep_beam(&s);
+            if (whole) {
+                told_whole(&s, group.triangle[k]);
+            } else if (scene->outlined || n > FEW_FACETS ||
+                       !told_sheet(&s, s.store->candidate.data + group.first[k], n, group.others[k])) {
+                scene->facets->survey_all(&s, &beams, &lie, &group, k);
+                look_through(&s, &beams, k, s.store->candidate.data + group.first[k], group.count[k]);
+            }
             witness[k] = (int32_t)s.first;
         }
         beams.mask &= group.last == LANES - 1 ? 0 : ~0ull << (group.last + 1);

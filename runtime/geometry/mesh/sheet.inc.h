@@ -1,5 +1,5 @@
 /* Windows across which one sheet of faces goes, the most of a fine mesh: eight pairs of a window and a triangle at a
- * time, without decisions. Include behind facets.inc.h.
+ * time, without decisions. Include behind cover.inc.h.
  *
  * What a triangle has of the window [0, 1]^2 is bordered by parts of its edges' lines, and by parts of the window's
  * border. A line g = 0 is P + at (g_t, -g_s), with the triangle on its left: half-planes narrow `at` to [from, to]. By
@@ -11,6 +11,8 @@
  * window equally often: once, if their areas sum to 1. Then nothing more needs to be split (told_sheet). */
 #define LEAST_AREA 1e-5 /* less is measured by corners: here rounding is that of the window */
 #define JOINED 1e-13    /* two lines have a corner in common to within this */
+
+INLINE D8 which(L8 m, D8 a, D8 b) { return (D8)((m & (L8)a) | (~m & (L8)b)); }
 
 typedef struct Sums {
     D8 area, s, t;
@@ -83,39 +85,20 @@ static void measure_parts(Parts *p) {
     p->good = (uint8_t)bits_D8(~bad & (area >= LEAST_AREA) & (area <= 1));
 }
 
-/* Measures what may be such sheets: of the windows of a group, the triangles that face as the nearest does. */
-static void measure_sheets(Search *s, const Beams *b, const Neighbours *group) {
-    Store *store = s->store;
-    uint32_t n = 0;
-    for (uint32_t k = group->base; k <= group->last; k++) {
-        const uint32_t count = group->first[k + 1] - group->first[k];
-        if (count < 2 || count > FEW_FACETS) continue;
-        Candidate *c = store->candidate.data + group->first[k];
-        uint32_t nearest = 0;
-        for (uint32_t i = 1; i < count; i++)
-            if (c[i].most > c[nearest].most || (c[i].most == c[nearest].most && c[i].triangle < c[nearest].triangle))
-                nearest = i;
-        const bool turned = store->near.data[c[nearest].near].turned;
-        if (!window_room(store, &store->parts.data, n / 8, &store->parts.room, FEW_FACETS / 8 + 1,
-                         sizeof *store->parts.data))
-            return;
-        for (uint32_t i = 0; i < count; i++) {
-            const Near *near = &store->near.data[c[i].near];
-            if (near->turned != turned) continue;
-            Parts *p = &store->parts.data[n / 8];
-            for (int e = 0; e < 3; e++) {
-                double u[3], v[3];
-                for (int a = 0; a < 3 && !group->alike; a++)
-                    u[a] = b->row[SLT_BEAM_U + a][k], v[a] = b->row[SLT_BEAM_V + a][k];
-                p->g[e][0][n % 8] = group->alike ? near->along[0][e] : window_dot(near->normal[e], u);
-                p->g[e][1][n % 8] = group->alike ? near->along[1][e] : window_dot(near->normal[e], v);
-                p->g[e][2][n % 8] = c[i].c[e];
-            }
-            c[i].part = n++;
-        }
-    }
+/* Edge e of a triangle in a window, g at whose first corner is c, for part number `part`. */
+INLINE void set_part(const Search *s, const Near *near, const Beams *b, uint32_t lane, bool alike, int e, double c,
+                     uint32_t part) {
+    double(*g)[8] = s->store->parts.data[part / 8].g[e];
+    double u[3], v[3];
+    for (int a = 0; a < 3 && !alike; a++) u[a] = b->row[SLT_BEAM_U + a][lane], v[a] = b->row[SLT_BEAM_V + a][lane];
+    g[0][part % 8] = alike ? near->along[e][0] : window_dot(near->normal[e], u);
+    g[1][part % 8] = alike ? near->along[e][1] : window_dot(near->normal[e], v);
+    g[2][part % 8] = c;
+}
+
+static void measure_sheets(Search *s, uint32_t n) {
     for (uint32_t i = n; i % 8; i++)
         for (int e = 0; e < 3; e++)
-            for (int k = 0; k < 3; k++) store->parts.data[i / 8].g[e][k][i % 8] = 1;
-    for (uint32_t i = 0; i < (n + 7) / 8; i++) measure_parts(&store->parts.data[i]);
+            for (int k = 0; k < 3; k++) s->store->parts.data[i / 8].g[e][k][i % 8] = 1;
+    for (uint32_t i = 0; i < (n + 7) / 8; i++) measure_parts(&s->store->parts.data[i]);
 }

@@ -24,23 +24,26 @@ static pthread_once_t once = PTHREAD_ONCE_INIT;
 
 static void release(void *p) {
     Store *s = p;
-    free(s->unit), free(s->list.data), free(s->near.data), free(s->found.data), free(s->candidate.data);
-    free(s->parts.data), free(s->facet.data);
-    free(s->chosen.data), free(s->crossing.data), free(s->piece.data), free(s->live.data), free(s->held.all);
+    free(s->unit), free(s->list.data), free(s->near.data), free(s->boxes.data), free(s->found.data),
+        free(s->candidate.data);
+    free(s->met.data), free(s->order.data), free(s->most.data), free(s->parts.data), free(s->facet.data);
+    free(s->chosen.data), free(s->crossing.data), free(s->piece.data), free(s->live.data), free(s->extents.data),
+        free(s->held.all);
     free(s->beam.data), free(s->outline.data), free(s->corner.data), free(s->part.data);
     free(s->answer.data), free(s);
 }
 
 static void make_key(void) { (void)pthread_key_create(&key, release); }
 
-bool window_room(Store *s, void *row, uint32_t n, uint32_t *room, uint32_t more, size_t size) {
+bool window_more_room(Store *s, void *row, uint32_t n, uint32_t *room, uint32_t more, size_t size) {
     void *old;
-    if (n + more <= *room) return true;
     uint32_t want = *room ? 2 * *room : 64;
     while (want < n + more) want *= 2;
     memcpy(&old, row, sizeof old);
-    void *fresh = want <= MOST ? realloc(old, want * size) : NULL;
+    void *fresh = want <= MOST ? aligned_alloc(64, (want * size + 63) / 64 * 64) : NULL;
     if (!fresh) return s->lost = true, false;
+    if (*room) memcpy(fresh, old, (n < *room ? n : *room) * size);
+    free(old);
     memcpy(row, &fresh, sizeof fresh);
     *room = want;
     return true;
@@ -230,8 +233,7 @@ static uint64_t number_of(int32_t a, int32_t b) {
 /* Corners of edge k so that g > 0 in the triangle. */
 static void edge_of(const Search *s, const Candidate *c, uint32_t k, int32_t edge[2]) {
     const int32_t *corner = s->scene->tree.bvh->face + 3 * (size_t)c->triangle;
-    const bool turned = s->store->near.data[c->near].turned;
-    edge[turned] = corner[k], edge[!turned] = corner[k < 2 ? k + 1 : 0];
+    edge[c->turned] = corner[k], edge[!c->turned] = corner[k < 2 ? k + 1 : 0];
 }
 
 static void tell_part(Search *s, const Candidate *c) {
@@ -251,35 +253,25 @@ static void tell_part(Search *s, const Candidate *c) {
     tell(s, c->triangle, p->area[i], p->centre[0][i], p->centre[1][i], sides);
 }
 
-bool told_sheet(Search *s, const Candidate *all, uint32_t n, const uint8_t *order) {
+bool told_sheet(Search *s, const Candidate *c, uint32_t n, double others) {
     const Store *store = s->store;
-    const bool turned = store->near.data[all[order[0]].near].turned;
-    double area = 0, least = HUGE_VAL, most = -HUGE_VAL; /* of these; of others before they cover all */
-    uint64_t open = 0;                                   /* 0: each part of an edge has its other side */
-    uint8_t chosen[FEW_FACETS];
+    double area = 0, least = HUGE_VAL;
+    uint64_t open = 0; /* 0: each part of an edge has its other side */
     uint32_t count = 0;
     if (store->lost) return false; /* some have not been measured */
-    for (uint32_t i = 0; i < n; i++) {
-        const Candidate *c = &all[order[i]];
-        if (area >= 1 - COVERED || store->near.data[c->near].turned != turned) {
-            if (c->most > most) most = c->most;
-            if (area >= 1 - COVERED) break;
-            continue;
-        }
-        const Parts *p = &store->parts.data[c->part / 8];
-        const uint32_t bit = c->part % 8;
+    for (; count < n && !(area >= 1 - COVERED); count++) {
+        const Parts *p = &store->parts.data[c[count].part / 8];
+        const uint32_t bit = c[count].part % 8;
+        const int32_t *corner = s->scene->tree.bvh->face + 3 * (size_t)c[count].triangle;
         if (!(p->good >> bit & 1)) return false;
-        for (uint32_t k = 0; k < 3; k++) {
-            int32_t edge[2];
-            if (!(p->there[k] >> bit & 1)) continue;
-            edge_of(s, c, k, edge);
-            open += number_of(edge[0], edge[1]);
-        }
-        area += p->area[bit], chosen[count++] = order[i];
-        if (c->least < least) least = c->least;
+        /* All of them are turned alike, so edges need not be. */
+        for (uint32_t k = 0; k < 3; k++)
+            open += number_of(corner[k], corner[k < 2 ? k + 1 : 0]) & -(uint64_t)(p->there[k] >> bit & 1);
+        area += p->area[bit];
+        if (c[count].least < least) least = c[count].least;
     }
-    if (!(fabs(area - 1) <= COVERED) || open || most > least) return false;
-    for (uint32_t i = 0; i < count; i++) tell_part(s, &all[chosen[i]]);
+    if (!(fabs(area - 1) <= COVERED) || open || others > least || (count < n && c[count].most > least)) return false;
+    for (uint32_t i = 0; i < count; i++) tell_part(s, &c[i]);
     return true;
 }
 

@@ -13,7 +13,12 @@ typedef struct Window {
     double plane[3][3]; /* rows of the inverse of (u v c) times |its determinant|: w s, w t, w of a point, w > 0 ahead;
                            where they are asked */
     double beside[2];   /* by which s and t of what lies where are widened */
+    /* A frame's: times |(u x v) . c| of a window whose frame it is, the power of two in its bits; 0: it is not one. */
+    double per_power;
+    int64_t power;
 } Window;
+#define POWER_OF_TWO 0x7ff0000000000000 /* of the bits of a double */
+#define GRAZING 1e8 /* times the square of how far away its plane is: as far as a window with a frame is */
 
 typedef struct Rectangle {
     double lo[2], hi[2];
@@ -21,26 +26,37 @@ typedef struct Rectangle {
 
 /* A triangle that windows of one eye may see. */
 typedef struct Near {
-    double normal[3][3]; /* of each edge: d . normal is g, positive inside */
-    double depth[3];     /* d . depth is 1 / t; of far eyes less that of the plane through the origin across the eye */
-    double base[4];      /* of far eyes: what normals and depth times the way from the eye to the origin are */
-    double lo[2], hi[2]; /* where it lies in the window that it was listed for */
-    double along[2][4];  /* normals and depth times that window's u and v */
-    double spread[2][4]; /* what these add at a window's corners: the least and the most. Adding rounds alike whichever
+    _Alignas(64) double normal[4][3]; /* of each edge: d . normal is g, positive inside; the last: d . that is 1 / t, of
+                                         far eyes less that of the plane through the origin across the eye */
+    double spread[4][2]; /* what they add at a window's corners: the least and the most. Adding rounds alike whichever
                             is added, so what is least here is least of the sums */
+    double nearest;      /* at least 1 / t of all of it, times a window's Places.far; of far eyes not known */
     int32_t triangle;
-    bool turned; /* edges run from their second corner to their first for g to be positive inside */
+    uint32_t turned;    /* edges run from their second corner to their first for g to be positive inside */
+    double along[4][2]; /* normals times u and v of the windows that it was listed for */
+    double base[4];     /* of far eyes: what normals times the way from the eye to the origin are */
 } Near;
 
-/* One that the window of a lane may see. */
+/* Where eight of them lie in the frame that they were listed in; where there is none, nowhere. */
+typedef struct NearBoxes {
+    _Alignas(64) double lo[2][8], hi[2][8];
+} NearBoxes;
+
+/* What the windows of eight lanes have of a triangle. */
+typedef struct Found {
+    _Alignas(64) double least[8], most[8]; /* of 1 / t at the window's corners */
+    double c[3][8];                        /* g of its edges at the first corner */
+    uint32_t near;                         /* its number */
+    uint32_t turned;
+} Found;
+
+/* A triangle that the window of a lane may see. */
 typedef struct Candidate {
-    double least, most; /* of 1 / t at the window's corners */
-    double c[3];        /* g of its edges at the first corner */
+    double least, most; /* Found */
     int32_t triangle;
-    uint32_t near; /* its number */
+    uint32_t near;
     uint32_t part; /* of sheets: where it was measured (sheet.inc.h) */
-    uint8_t lane;
-    bool fills; /* all of the window */
+    uint32_t turned;
 } Candidate;
 
 /* The same where that is not all there is to say. */
@@ -48,6 +64,7 @@ typedef struct Facet {
     double g[3][3], depth[3];
     double most;         /* of 1 / t at the window's corners */
     double lo[2], hi[2]; /* where it lies, if the window is halved */
+    uint32_t own;        /* where its polygon is, if nothing crosses */
     int32_t triangle;
     bool turned;
 } Facet;
@@ -91,6 +108,11 @@ typedef struct Polygon {
     uint32_t side[CORNERS];
 } Polygon;
 
+/* Around eight polygons of the row: nothing of one that has been taken out. */
+typedef struct Extents {
+    _Alignas(64) double lo[2][8], hi[2][8], area[8];
+} Extents;
+
 #define ROW(type) \
     struct { \
         type *data; \
@@ -108,6 +130,15 @@ struct Held {
     struct HeldWindows *all; /* NULL: none so far */
 };
 
+/* What store->near was listed for. */
+typedef struct Listed {
+    uint64_t version; /* Bvh; 0: of nothing that could come again */
+    Window window;    /* window_frame */
+    Rectangle in;
+    double middle[2]; /* of the windows that were looked through last */
+    uint32_t reach;   /* how many windows ahead */
+} Listed;
+
 typedef struct Store {
     Unit *unit; /* the number of the last unit, then n units, of floats half as long */
     uint32_t n, room;
@@ -115,13 +146,20 @@ typedef struct Store {
     Held held;
     ROW(int32_t) list;
     ROW(Near) near;
-    ROW(Candidate) found, candidate;
+    ROW(NearBoxes) boxes;
+    Listed listed;
+    ROW(Found) found;    /* of a row of eight lanes */
+    ROW(uint8_t) met;    /* which of them */
+    ROW(uint32_t) order; /* of what a lane has found */
+    ROW(double) most;    /* the same */
+    ROW(Candidate) candidate;
     ROW(Parts) parts;
     ROW(Facet) facet;
     ROW(uint32_t) chosen; /* facets of a part of the window */
     ROW(Crossing) crossing;
-    ROW(Polygon) piece; /* number 0 is none */
-    ROW(uint32_t) live; /* those of the row */
+    ROW(Polygon) piece;   /* number 0 is none */
+    ROW(uint32_t) live;   /* those of the row */
+    ROW(Extents) extents; /* of these: n, of how many */
     ROW(OutlineBeam) beam;
     ROW(OutlineRow) outline; /* of pieces, by unit */
     ROW(OutlinePlace) corner;
@@ -130,7 +168,10 @@ typedef struct Store {
 } Store;
 
 /* Room for `more`; false: there is none, which the store remembers. */
-bool window_room(Store *s, void *row, uint32_t n, uint32_t *room, uint32_t more, size_t size);
+bool window_more_room(Store *s, void *row, uint32_t n, uint32_t *room, uint32_t more, size_t size);
+static inline bool window_room(Store *s, void *row, uint32_t n, uint32_t *room, uint32_t more, size_t size) {
+    return n + more <= *room || window_more_room(s, row, n, room, more, size);
+}
 #define PUSH(store, row, value) \
     (window_room(store, &(row).data, (row).n, &(row).room, 1, sizeof *(row).data) \
          ? ((row).data[(row).n++] = (value), true) \
@@ -155,36 +196,45 @@ typedef struct Beams {
     /* Behind them the corner once more: BEAM_Q from the origin, BEAM_OWN 1, where the eye is far from the mesh and the
      * window is not; elsewhere BEAM_Q is from the eye, BEAM_OWN 0. For all that is linear in directions the corner
      * counts BEAM_Q + BEAM_OWN * (the origin from the eye), of which the second part is the triangle's (Near.base). */
-    double row[BEAM_ALL][LANES];
+    _Alignas(64) double row[BEAM_ALL][LANES];
     uint64_t mask, far; /* far: the eye is */
 } Beams;
 #define FAR_EYE 8.0 /* times the mesh's largest coordinate */
 #define NEAR_WINDOW 0.25 /* of the way to the eye: a corner nearer to the origin */
 
-/* Where they lie in one of them. */
+/* Where they lie in the frame of one of them. */
 typedef struct Places {
-    uint64_t ahead; /* of which that can be said */
-    double lo[2][LANES], hi[2][LANES];
+    uint64_t ahead; /* of which that can be said, and whose frame it is if they are alike */
+    uint64_t alike; /* whose u and v are the same */
+    _Alignas(64) double lo[2][LANES], hi[2][LANES];
+    double far[LANES]; /* how far the window's plane is from the eye, of those which are alike; else infinite */
+    Rectangle all;     /* around those of the mask from `base` on */
+    double area;       /* of these */
 } Places;
 
-/* Windows from `base` to `last`, which are looked through together; candidates of lane k are those from first[k] on. */
+/* Windows from `base` to `last`, which are looked through together. Of a lane first the triangles that face as the
+ * nearest does are known: candidates from first[k] on, nearest first unless they are more than FEW_FACETS. */
 typedef struct Neighbours {
     uint32_t base, last;
-    bool alike; /* all have the same u and v */
-    uint32_t first[LANES + 1];
+    bool alike;              /* all have the same u and v */
+    uint64_t whole;          /* lanes with nothing but triangle[k], which fills the window */
+    int32_t triangle[LANES]; /* of these */
+    uint32_t first[LANES], count[LANES];
+    double others[LANES]; /* the most of 1 / t of those which face the other way */
 } Neighbours;
 
 /* beams.inc.h, facets.inc.h, cover.inc.h */
 typedef struct FacetSearch {
     /* Windows as the search takes them. */
     void (*read)(Beams *b, bool f64, const void *rays, uint64_t mask, uint32_t width, double magnitude);
-    void (*place)(const Window *window, const Beams *b, uint32_t width, Places *out);
+    void (*place)(const Window *window, const Beams *b, uint32_t base, uint32_t width, Places *out);
     /* Fills store->near with the triangles in a rectangle of the window. */
     void (*list)(Search *s, const Window *window, const Rectangle *r);
-    /* Fills store->candidate with those of them that the windows may see. */
+    /* Fills store->candidate with those of them that the windows may see and that face as the nearest does, and
+     * measures them: they may be one sheet. */
     void (*survey)(Search *s, const Beams *b, const Places *lie, Neighbours *n);
-    /* Measures what of them may be one sheet across a window. */
-    void (*sheets)(Search *s, const Beams *b, const Neighbours *n);
+    /* Adds all that the window of one lane may see. */
+    void (*survey_all)(Search *s, const Beams *b, const Places *lie, Neighbours *n, uint32_t lane);
     /* store->live becomes what is seen in a rectangle of facets chosen[from], ..., nearest first. */
     void (*cover)(Search *s, const Rectangle *r, uint32_t from, uint32_t n);
     /* What lies on either side of the line g = 0; in: where it is positive. */
@@ -219,23 +269,22 @@ static inline void window_facets(const Search *s, uint32_t n) {
         const Near *near = &store->near.data[c->near];
         Facet *f = &store->facet.data[store->facet.n];
         for (int k = 0; k < 4; k++) {
-            const double *normal = k < 3 ? near->normal[k] : near->depth;
             double *to = k < 3 ? f->g[k] : f->depth;
-            to[0] = s->alike ? near->along[0][k] : window_dot(normal, s->window.u);
-            to[1] = s->alike ? near->along[1][k] : window_dot(normal, s->window.v);
-            to[2] = window_dot(normal, s->window.q);
+            to[0] = s->alike ? near->along[k][0] : window_dot(near->normal[k], s->window.u);
+            to[1] = s->alike ? near->along[k][1] : window_dot(near->normal[k], s->window.v);
+            to[2] = window_dot(near->normal[k], s->window.q);
             if (s->window.far) to[2] += s->window.own * near->base[k];
         }
-        f->most = c->most, f->triangle = c->triangle, f->turned = near->turned;
+        f->most = c->most, f->triangle = c->triangle, f->turned = c->turned != 0;
     }
 }
 
 /* told.c */
 Store *told_store(void); /* of the thread; NULL: out of memory */
 void told_whole(Search *s, int32_t triangle);
-/* Of n candidates, at most FEW_FACETS, by numbers, nearest first. False: they are not one sheet in front of all
- * others, and nothing is told. */
-bool told_sheet(Search *s, const Candidate *c, uint32_t n, const uint8_t *order);
+/* Of n candidates, at most FEW_FACETS, nearest first, that face alike; others: the most of 1 / t of those which do not.
+ * False: they are not one sheet in front of all others, and nothing is told. */
+bool told_sheet(Search *s, const Candidate *c, uint32_t n, double others);
 void told_piece(Search *s, const Polygon *p);
 
 #endif
