@@ -62,6 +62,7 @@ static void time_way(const Bench *b, LightWay way, const char *name) {
                               .adjacency = &b->mesh->adjacency,
                               .search = b->mesh->rays->by[1],
                               .beam = b->mesh->beam,
+                              .cross = b->mesh->cross,
                               .values = b->values,
                               .way = way};
     double best = HUGE_VAL, edges = 0, sum = 0;

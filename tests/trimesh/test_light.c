@@ -52,6 +52,7 @@ static double ask(const Trimesh *m, const LitScene *s, bool lobe, LightWay way, 
                               .adjacency = &m->adjacency,
                               .search = m->rays->by[f64],
                               .beam = m->beam,
+                              .cross = m->cross,
                               .values = f64 ? (const void *)s->at : s->f32,
                               .way = way};
     float narrow[SLT_LOBE_ROWS];
@@ -526,6 +527,7 @@ static void test_both(void **state) {
                                 .adjacency = &m->adjacency,
                                 .search = m->rays->by[true],
                                 .beam = m->beam,
+                                .cross = m->cross,
                                 .values = s->at,
                                 .way = (LightWay)way,
                                 .both = true};

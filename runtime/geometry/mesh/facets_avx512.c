@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "beam.h"
+#include "cross.h"
 #include "window.h"
 
 #if defined(__AVX512DQ__)
@@ -12,6 +13,7 @@
 #include "cover.inc.h"
 #include "facets.inc.h"
 #include "beam.inc.h"
+#include "cross.inc.h"
 #include "sheet.inc.h"
 
 const FacetSearch facets_avx512 = {.read = read,
@@ -22,4 +24,5 @@ const FacetSearch facets_avx512 = {.read = read,
                                    .cover = cover_all,
                                    .split = split};
 const BeamSearch beam_avx512 = {.boxes = beam_boxes, .triangles = beam_triangles};
+const CrossSearch cross_avx512 = {.row = cross_row};
 #endif

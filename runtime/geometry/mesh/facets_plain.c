@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "beam.h"
+#include "cross.h"
 #include "window.h"
 
 #include "lanes.h"
@@ -11,6 +12,7 @@
 #include "cover.inc.h"
 #include "facets.inc.h"
 #include "beam.inc.h"
+#include "cross.inc.h"
 #include "sheet.inc.h"
 
 const FacetSearch facets_plain = {.read = read,
@@ -21,3 +23,4 @@ const FacetSearch facets_plain = {.read = read,
                                   .cover = cover_all,
                                   .split = split};
 const BeamSearch beam_plain = {.boxes = beam_boxes, .triangles = beam_triangles};
+const CrossSearch cross_plain = {.row = cross_row};

@@ -19,7 +19,8 @@ static pthread_once_t once = PTHREAD_ONCE_INIT;
 static void release(void *p) {
     LightStore *s = p;
     free(s->edge.data), free(s->triangle.data), free(s->segment.data), free(s->facet.data), free(s->list.data);
-    free(s->piece.data), free(s->lit.data), free(s->shown.data), free(s->near.data), free(s->stamp);
+    free(s->piece.data), free(s->lit.data), free(s->shown.data), free(s->near.data), free(s->arc.data), free(s->stamp);
+    light_arrangement_free(s->arrangement);
     for (uint32_t k = 0; k < LIGHT_SLOTS; k++) free(s->kept[k].data);
     free(s);
 }
@@ -145,7 +146,9 @@ static void search(Light *l) {
     LightStore *s = l->store;
     light_gather(l);
     if (l->s->way != LIGHT_TRIANGLES && !l->lost) light_edges(l);
+    s->shown.n = s->near.n = s->arc.n = 0;
     const bool facets = light_wants_triangles(l);
+    if (!facets && l->s->way != LIGHT_PIECES && !l->lost && light_arrange(l)) return;
     if (facets) s->segment.n = LINE_MESH, light_facets(l);
     if (!l->lost) light_look(l, facets);
 }

@@ -22,12 +22,14 @@
 
 #include "adjacency.h"
 #include "beam.h"
+#include "cross.h"
 #include "rays.h"
 #include "saltus/query.h"
 
 typedef enum LightWay {
     LIGHT_BY_COUNTS,
     LIGHT_SILHOUETTES,
+    LIGHT_PIECES, /* silhouettes, but by pieces even where their arrangement is clear */
     LIGHT_TRIANGLES
 } LightWay; /* the answer is the same up to rounding */
 
@@ -36,6 +38,7 @@ typedef struct LightScene {
     const Adjacency *adjacency;
     BvhSearch *search; /* of the tree's precision */
     const BeamSearch *beam;
+    const CrossSearch *cross;
     const void *values; /* the vertices */
     LightWay way;
     bool both; /* IRRADIANCE and LTC of one receiver: what one has found serves the other, until pieces_begin */

@@ -163,27 +163,29 @@ void light_gather(Light *l) {
 
 /* ---- segments */
 
-static void add_segment(Light *l, const double normal[3], double end[2][2], SegmentKind kind, int32_t a, int32_t b) {
-    Segment s = {
-        .g = {vec_dot(normal, l->u), vec_dot(normal, l->v), vec_dot(normal, l->c)}, .kind = kind, .a = a, .b = b};
+/* s has its ends, and all that its line does not tell. */
+static void add_segment(Light *l, const double normal[3], Segment s) {
+    s.g[0] = vec_dot(normal, l->u), s.g[1] = vec_dot(normal, l->v), s.g[2] = vec_dot(normal, l->c);
     const double slope = sqrt(s.g[0] * s.g[0] + s.g[1] * s.g[1]);
     /* A plane that is parallel to the light has no line on it, and two sides all the same. */
     if (!(slope > 0) || !isfinite(slope)) s.g[0] = s.g[1] = 0, s.g[2] = s.g[2] < 0 ? -1 : 1;
     else
         for (int k = 0; k < 3; k++) s.g[k] /= slope;
-    memcpy(s.end, end, sizeof s.end);
-    for (int i = 0; i < 2; i++) s.low[i] = light_min(end[0][i], end[1][i]), s.high[i] = light_max(end[0][i], end[1][i]);
+    for (int i = 0; i < 2; i++)
+        s.low[i] = light_min(s.end[0][i], s.end[1][i]), s.high[i] = light_max(s.end[0][i], s.end[1][i]);
     for (int k = 0; k < 2; k++) {
-        const double along = s.g[0] * end[k][1] - s.g[1] * end[k][0];
+        const double along = s.g[0] * s.end[k][1] - s.g[1] * s.end[k][0];
         if (!k || along < s.from) s.from = along;
         if (!k || along > s.to) s.to = along;
     }
     if (!ROW_ADD(l->store->segment, s)) l->lost = true;
 }
 
-/* The part of the edge in the pyramid over the light; false: none. */
-static bool clip_edge(const Light *l, const double a[3], const double b[3], double end[2][2]) {
+/* The part of the edge in the pyramid over the light, whose sides are the light's borders; false: none. */
+static bool clip_edge(const Light *l, const double a[3], const double b[3], Segment *s) {
+    static const int8_t border[5] = {3, 1, 0, 2, CUT_DEEP};
     double h[2][3], part[2] = {0, 1};
+    s->cut[0] = s->cut[1] = CUT_NOT;
     for (int k = 0; k < 2; k++) vec_map(l->row, k ? b : a, h[k]);
     if (!(h[0][2] > 0) && !(h[1][2] > 0)) return false;
     for (int i = 0; i < 5; i++) {
@@ -191,8 +193,10 @@ static bool clip_edge(const Light *l, const double a[3], const double b[3], doub
         for (int k = 0; k < 2; k++)
             f[k] = i == 4 ? 2 - l->beyond - h[k][2] : i & 1 ? h[k][2] - h[k][i / 2] : h[k][i / 2];
         if (f[0] < 0 && f[1] < 0) return false;
-        if (f[0] < 0) part[0] = light_max(part[0], f[0] / (f[0] - f[1]));
-        if (f[1] < 0) part[1] = light_min(part[1], f[0] / (f[0] - f[1]));
+        if (!(f[0] < 0) && !(f[1] < 0)) continue;
+        const double at = f[0] / (f[0] - f[1]);
+        if (f[0] < 0 && at > part[0]) part[0] = at, s->cut[0] = border[i];
+        if (f[1] < 0 && at < part[1]) part[1] = at, s->cut[1] = border[i];
     }
     if (!(part[0] < part[1])) return false;
     for (int k = 0; k < 2; k++) {
@@ -200,9 +204,9 @@ static bool clip_edge(const Light *l, const double a[3], const double b[3], doub
         for (int i = 0; i < 3; i++)
             at[i] = part[k] == 0 ? h[0][i] : part[k] == 1 ? h[1][i] : h[0][i] + part[k] * (h[1][i] - h[0][i]);
         if (!(at[2] > 0)) return false;
-        end[k][0] = at[0] / at[2], end[k][1] = at[1] / at[2];
+        s->end[k][0] = at[0] / at[2], s->end[k][1] = at[1] / at[2];
     }
-    return isfinite(end[0][0] + end[0][1] + end[1][0] + end[1][1]);
+    return isfinite(s->end[0][0] + s->end[0][1] + s->end[1][0] + s->end[1][1]);
 }
 
 /* A side of the triangle that the window lies on? It cuts nothing of it; rounding must not say otherwise. */
@@ -212,13 +216,23 @@ static bool is_own(const Light *l, int32_t a, int32_t b) {
     return (a == face[0] || a == face[1] || a == face[2]) && (b == face[0] || b == face[1] || b == face[2]);
 }
 
-static void add_edge(Light *l, const int32_t *face, double at[3][3], int k) {
+/* Which side of the way from a to b a face hides on whose half-edge runs that way, or the other: 1 left, -1 right. */
+static int8_t hides_on(Facing f, bool same_way) {
+    if (f < FACING_TO) return 0;
+    return (f == FACING_AWAY) == same_way ? 1 : -1;
+}
+
+/* Edge k of the triangle, and of the one behind the half-edge `other`, if there is one. */
+static void add_edge(Light *l, int32_t triangle, double at[3][3], int k, int32_t other) {
+    const int32_t *face = l->s->tree.bvh->face + 3 * (size_t)triangle;
     int a = k, b = (k + 1) % 3;
-    double end[2][2], normal[3];
+    double normal[3];
     if (face[a] > face[b]) a = b, b = k;
-    if (is_own(l, face[a], face[b]) || !clip_edge(l, at[a], at[b], end)) return;
+    Segment s = {.kind = SEGMENT_EDGE, .a = face[a], .b = face[b], .more = hides_on(known(l, triangle), a == k)};
+    if (other >= 0) s.more += hides_on(known(l, other / 3), l->s->tree.bvh->face[other] == face[a]);
+    if (is_own(l, face[a], face[b]) || !clip_edge(l, at[a], at[b], &s)) return;
     vec_cross(at[a], at[b], normal);
-    add_segment(l, normal, end, SEGMENT_EDGE, face[a], face[b]);
+    add_segment(l, normal, s);
 }
 
 /* Where the triangle passes through the light's plane; false: nowhere. normal: of the difference of 1 / h_z. What lies
@@ -256,9 +270,9 @@ static bool is_clear(double end[2][2]) {
 }
 
 static void add_cut(Light *l, int32_t triangle, double at[3][3]) {
-    double end[2][2], normal[3];
-    if (cut_by_light(l, at, end, normal) && !is_clear(end))
-        add_segment(l, normal, end, SEGMENT_PLANE, triangle, triangle);
+    Segment s = {.kind = SEGMENT_PLANE, .a = triangle, .b = triangle};
+    double normal[3];
+    if (cut_by_light(l, at, s.end, normal) && !is_clear(s.end)) add_segment(l, normal, s);
 }
 
 /* ---- which edges end a shadow */
@@ -275,7 +289,7 @@ void light_edges(Light *l) {
     const LightStore *store = l->store;
     const Adjacency *adjacency = l->s->adjacency;
     for (uint32_t i = 0; i < store->triangle.n; i++) {
-        const int32_t triangle = store->triangle.data[i], *face = l->s->tree.bvh->face + 3 * (size_t)triangle;
+        const int32_t triangle = store->triangle.data[i];
         const Facing own = known(l, triangle);
         double at[3][3];
         bool have = false;
@@ -284,7 +298,7 @@ void light_edges(Light *l) {
             if (other >= 0 && (other / 3 > triangle || goes_on(l, triangle, k, own, other))) continue;
             if (other < 0 && own < FACING_TO) continue;
             if (!have) light_corners(l, triangle, at), have = true;
-            add_edge(l, face, at, k);
+            add_edge(l, triangle, at, k, other);
         }
         l->touches |= own == FACING_NOT;
         if (own < FACING_TO || !l->through) continue;
@@ -312,7 +326,7 @@ void light_facets(Light *l) {
     LightStore *store = l->store;
     for (uint32_t i = 0; i < store->triangle.n; i++) {
         const int32_t triangle = store->triangle.data[i], *face = l->s->tree.bvh->face + 3 * (size_t)triangle;
-        double at[3][3], end[2][2], normal[3];
+        double at[3][3], normal[3];
         light_corners(l, triangle, at);
         const Facing facing = light_facing(l, triangle, at);
         if (facing < FACING_TO) continue;
@@ -321,13 +335,15 @@ void light_facets(Light *l) {
             int a = k, b = (k + 1) % 3;
             if (face[a] > face[b]) a = b, b = k;
             f.sign[k] = (facing == FACING_AWAY) == (a == k) ? 1 : -1;
-            if (!clip_edge(l, at[a], at[b], end)) end[0][0] = end[1][0] = end[0][1] = end[1][1] = -1;
+            Segment s = {.kind = SEGMENT_EDGE, .a = face[a], .b = face[b]};
+            if (!clip_edge(l, at[a], at[b], &s)) s.end[0][0] = s.end[1][0] = s.end[0][1] = s.end[1][1] = -1;
             vec_cross(at[a], at[b], normal);
-            add_segment(l, normal, end, SEGMENT_EDGE, face[a], face[b]);
+            add_segment(l, normal, s);
             if (is_own(l, face[a], face[b])) keep_whole(l, normal);
         }
-        f.cut = l->through && cut_by_light(l, at, end, normal);
-        if (f.cut) add_segment(l, normal, end, SEGMENT_PLANE, triangle, triangle);
+        Segment cut = {.kind = SEGMENT_PLANE, .a = triangle, .b = triangle};
+        f.cut = l->through && cut_by_light(l, at, cut.end, normal);
+        if (f.cut) add_segment(l, normal, cut);
         if (!ROW_ADD(store->facet, f)) l->lost = true;
     }
 }

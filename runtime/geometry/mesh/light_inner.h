@@ -2,7 +2,9 @@
  *
  * light.c         the query: light and receiver, the store, what is told
  * light_edges.c   triangles in the beam, the edges that may end a shadow
- * light_pieces.c  sub-windows, pieces, which are lit
+ * light_arrange.c how silhouettes cross: the border of what is lit, where rounding hides nothing of it
+ * light_pieces.c  else: sub-windows, pieces, which are lit
+ * light_ask.c     does anything hide a place of the light?
  * light_kept.c    what the other query of the same receiver has found
  * light_sum.c     what a piece adds, and its sides' J
  * light_turn.c    from J to derivatives
@@ -47,7 +49,11 @@ typedef struct Segment {
                     side's length in (s, t) times (s, t, 1) at its middle) */
     int32_t a, b;
     SegmentKind kind;
+    /* Of the mesh's: how many more faces hide where g > 0, which is left of the way from end 0 to end 1; the border
+     * that each end was cut at, or what else it is. */
+    int8_t more, cut[2];
 } Segment;
+enum { CUT_NOT = -1, CUT_DEEP = -2 }; /* Segment's `cut`: where a vertex is; at the light's plane */
 
 /* Side k goes from corner k to the next, counter-clockwise, on segment side[k]. */
 typedef struct Polygon {
@@ -80,13 +86,20 @@ typedef struct Shown {
     uint32_t from, n;
 } Shown;
 
+/* A part of the border of what is lit, which lies left of it. sign: 1 where that is the side g > 0 of the line, or -1.
+ */
+typedef struct Arc {
+    double from[2], to[2], sign;
+    uint32_t line;
+} Arc;
+
 /* What was found for a receiver and a light. */
 enum { LIGHT_KEY = 15, LIGHT_SLOTS = 512 };
 typedef struct Kept {
     const void *bvh, *values;
     uint64_t begun; /* pieces_begun */
     double key[LIGHT_KEY];
-    uint32_t nsegments, nshown, nnear;
+    uint32_t nsegments, nshown, nnear, narcs;
     unsigned char *data;
     size_t room;
 } Kept;
@@ -101,6 +114,8 @@ typedef struct LightStore {
     ROW(bool) lit;
     ROW(Shown) shown;
     ROW(uint32_t) near;
+    ROW(Arc) arc;
+    struct Arrangement *arrangement;
     uint32_t *stamp, stamps, marked; /* of each face: what is known of it, by the queries so far */
     Kept kept[LIGHT_SLOTS];
 } LightStore;
@@ -165,7 +180,22 @@ bool light_hides(const Light *l, int32_t triangle, double u, double v);
 
 bool light_hides_some(const Light *l, int32_t triangle); /* it does, somewhere */
 
+/* light_arrange.c */
+/* The row of arcs. False: rounding hides how segments lie, and pieces tell. */
+bool light_arrange(Light *l);
+void light_arrangement_free(struct Arrangement *a);
+
+/* light_ask.c */
+enum { LIGHT_AT_ONCE = 32 }; /* places */
+/* Does anything hide these places of the window? One ray each answers. */
+void light_ask(Light *l, const double (*place)[2], uint32_t n, bool *dark);
+/* The same by all triangles in the beam, in double precision. */
+bool light_ask_all(const Light *l, const double place[2]);
+
 /* light_pieces.c */
+/* The window as far as it is above the receiver's horizon: that of the lobe clips what is lit, for both queries find
+ * the same. Of a piece, as far as it is the piece. */
+void light_above(const Light *l, const Window *w, Polygon *p);
 void light_look(Light *l, bool facets); /* the rows `shown` and `near` */
 void light_shine(Light *l);             /* adds what is shown, above the lobe's horizon */
 
@@ -183,6 +213,7 @@ int32_t light_tell(const Light *l, const double *head, const LightEdge *edge, ui
 
 /* light_sum.c */
 void light_add(Light *l, const Polygon *p, const uint32_t *list, uint32_t n);
+void light_add_arcs(Light *l); /* of what is above the lobe's horizon */
 
 /* lit.c */
 void lit_add(Light *l, const Polygon *p); /* its area */

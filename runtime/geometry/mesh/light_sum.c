@@ -127,6 +127,41 @@ static void add_side(Light *l, const double from[2], const double to[2], uint32_
         add_beyond(l, &side, line, false, list, n, sign);
 }
 
+/* To the vector irradiance, of the way between two places. */
+static void add_flux(Light *l, const double from[2], const double to[2], double sign) {
+    const double du = to[0] - from[0], dv = to[1] - from[1], turn = from[0] * dv - from[1] * du;
+    double q[2][3], c[3];
+    direction(l, from[0], from[1], q[0]);
+    direction(l, to[0], to[1], q[1]);
+    for (int i = 0; i < 3; i++) c[i] = turn * l->uv[i] + dv * l->cv[i] + du * l->cu[i];
+    vec_add(l->flux, sign * 0.5 * over_sine(vec_dot(c, c), vec_dot(q[0], q[1])), c);
+}
+
+/* Where the border goes below the lobe's horizon and where it comes up again, the sides along the horizon between are
+ * what is missing: from the first such place to each, added up. */
+void light_add_arcs(Light *l) {
+    double first[2];
+    bool crosses = false;
+    for (uint32_t k = 0; k < l->store->arc.n; k++) {
+        Arc a = l->store->arc.data[k];
+        Segment *s = &l->store->segment.data[a.line];
+        if (l->lobe) {
+            const double d[2] = {light_at(l->clip[1], a.from[0], a.from[1]), light_at(l->clip[1], a.to[0], a.to[1])};
+            if (!(d[0] > 0) && !(d[1] > 0)) continue;
+            if (!(d[0] > 0) || !(d[1] > 0)) {
+                const double part = d[0] / (d[0] - d[1]), at[2] = {a.from[0] + part * (a.to[0] - a.from[0]),
+                                                                   a.from[1] + part * (a.to[1] - a.from[1])};
+                if (!crosses) memcpy(first, at, sizeof first);
+                else add_flux(l, first, at, d[1] > 0 ? 1 : -1);
+                crosses = true;
+                memcpy(d[1] > 0 ? a.from : a.to, at, sizeof at);
+            }
+        }
+        add_flux(l, a.from, a.to, 1);
+        if (s->kind != SEGMENT_HORIZON || l->lobe) add_j(l, a.from, a.to, a.sign, s->j);
+    }
+}
+
 void light_add(Light *l, const Polygon *p, const uint32_t *list, uint32_t n) {
     double q[LIGHT_CORNERS][3];
     if (l->lit) {

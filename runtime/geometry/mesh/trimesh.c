@@ -29,15 +29,16 @@ typedef struct Compiled {
     const BvhSearches *rays;
     const struct FacetSearch *facets;
     const BeamSearch *beam;
+    const CrossSearch *cross;
 } Compiled;
 
 static Compiled compiled_for(TrimeshIsa isa) {
 #if defined(__x86_64__)
-    if (isa == TRIMESH_ISA_AVX512) return (Compiled){&bvh_avx512, &facets_avx512, &beam_avx512};
-    if (isa == TRIMESH_ISA_AVX2) return (Compiled){&bvh_avx2, &facets_avx2, &beam_avx2};
+    if (isa == TRIMESH_ISA_AVX512) return (Compiled){&bvh_avx512, &facets_avx512, &beam_avx512, &cross_avx512};
+    if (isa == TRIMESH_ISA_AVX2) return (Compiled){&bvh_avx2, &facets_avx2, &beam_avx2, &cross_avx2};
 #endif
     (void)isa;
-    return (Compiled){&bvh_plain, &facets_plain, &beam_plain};
+    return (Compiled){&bvh_plain, &facets_plain, &beam_plain, &cross_plain};
 }
 
 /* ---- queries */
@@ -165,6 +166,7 @@ static LightScene light_scene(const SltGeometry *g, const void *values) {
                         .adjacency = &m->adjacency,
                         .search = m->rays->by[m->from.f64],
                         .beam = m->beam,
+                        .cross = m->cross,
                         .values = values,
                         .both = (m->from.queries & receivers) == receivers};
 }
@@ -242,7 +244,7 @@ SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void
     if (!m) return status_fail(err, SLT_LIMIT, "out of memory for a mesh");
     m->from = *from;
     const Compiled c = compiled_for(isa ? isa : best_isa());
-    m->rays = c.rays, m->facets = c.facets, m->beam = c.beam;
+    m->rays = c.rays, m->facets = c.facets, m->beam = c.beam, m->cross = c.cross;
     m->lost = &m->lost_;
     m->base.shared.made = m;
     m->base.ops = &geometry_mesh;

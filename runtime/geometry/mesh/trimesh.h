@@ -33,6 +33,7 @@ typedef struct Trimesh {
     const BvhSearches *rays;
     const struct FacetSearch *facets;
     const struct BeamSearch *beam;
+    const struct CrossSearch *cross;
     char text[96]; /* describe */
 } Trimesh;
 

@@ -1,0 +1,60 @@
+/* cross.h, one segment against eight at a time. Include behind lanes.h. */
+
+/* Are the boxes of two segments apart? Pieces of one line that follow each other are not near, though their lines are.
+ */
+static bool boxes_apart(const CrossRows *r, uint32_t i, uint32_t k) {
+    for (int a = 0; a < 2; a++) {
+        const double *const *x = a ? r->y : r->x;
+        const double low = x[0][i] < x[1][i] ? x[0][i] : x[1][i], high = x[0][i] < x[1][i] ? x[1][i] : x[0][i];
+        if ((x[0][k] < low - CROSS_NEAR && x[1][k] < low - CROSS_NEAR) ||
+            (x[0][k] > high + CROSS_NEAR && x[1][k] > high + CROSS_NEAR))
+            return true;
+    }
+    return false;
+}
+
+static bool cross_row(const CrossRows *r, uint32_t i, uint32_t from, uint32_t to, CrossFound *found, uint32_t *n) {
+    const double dx = r->x[1][i] - r->x[0][i], dy = r->y[1][i] - r->y[0][i];
+    const D8 near = all_D8(r->blur[i]);
+    uint32_t count = 0;
+    for (uint32_t k = from; k < to; k += 8) {
+        const uint32_t some = to - k < 8 ? (1u << (to - k)) - 1 : 255;
+        D8 x[2], y[2], side[2], turned[2];
+        L8 same = {0};
+        for (int e = 0; e < 2; e++) {
+            const D8 end = *(const Wide *)(r->end[e] + k);
+            x[e] = *(const Wide *)(r->x[e] + k), y[e] = *(const Wide *)(r->y[e] + k);
+            side[e] = dx * (y[e] - r->y[0][i]) - dy * (x[e] - r->x[0][i]);
+            same |= (end == r->end[0][i]) | (end == r->end[1][i]);
+        }
+        const uint32_t left[2] = {less(near, side[0]), less(near, side[1])},
+                       right[2] = {less(side[0], -near), less(side[1], -near)},
+                       beside = (left[0] & left[1]) | (right[0] & right[1]), shares = bits_D8(same) & some;
+        uint32_t may = some & ~beside & ~shares, meets = shares;
+        if (may) {
+            const D8 blur = *(const Wide *)(r->blur + k);
+            for (int e = 0; e < 2; e++)
+                turned[e] = (x[1] - x[0]) * (r->y[e][i] - y[0]) - (y[1] - y[0]) * (r->x[e][i] - x[0]);
+            const uint32_t to_left[2] = {less(blur, turned[0]), less(blur, turned[1])},
+                           to_right[2] = {less(turned[0], -blur), less(turned[1], -blur)};
+            may &= ~((to_left[0] & to_left[1]) | (to_right[0] & to_right[1]));
+            const uint32_t across = may & ((left[0] & right[1]) | (right[0] & left[1])) &
+                                    ((to_left[0] & to_right[1]) | (to_right[0] & to_left[1]));
+            for (uint32_t unclear = may & ~across; unclear; unclear &= unclear - 1)
+                if (!boxes_apart(r, i, k + (uint32_t)__builtin_ctz(unclear))) return false;
+            meets |= across;
+        }
+        for (; meets; meets &= meets - 1) {
+            const uint32_t lane = (uint32_t)__builtin_ctz(meets);
+            CrossFound f = {.other = k + lane, .shares = shares >> lane & 1};
+            if (!f.shares) {
+                f.up = right[0] >> lane & 1;
+                f.at = turned[0][lane] / (turned[0][lane] - turned[1][lane]);
+                f.other_at = side[0][lane] / (side[0][lane] - side[1][lane]);
+            }
+            found[count++] = f;
+        }
+    }
+    *n = count;
+    return true;
+}
