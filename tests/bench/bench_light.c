@@ -63,6 +63,7 @@ static void time_way(const Bench *b, LightWay way, const char *name) {
                               .search = b->mesh->rays->by[1],
                               .beam = b->mesh->beam,
                               .cross = b->mesh->cross,
+                              .cones = &b->mesh->cones,
                               .values = b->values,
                               .way = way};
     double best = HUGE_VAL, edges = 0, sum = 0;

@@ -23,6 +23,7 @@ const FacetSearch facets_avx2 = {.read = read,
                                  .sheets = measure_sheets,
                                  .cover = cover_all,
                                  .split = split};
-const BeamSearch beam_avx2 = {.boxes = beam_boxes, .triangles = beam_triangles};
+const BeamSearch beam_avx2 = {
+    .boxes = beam_boxes, .triangles = beam_triangles, .alike = beam_alike, .facings = beam_facings};
 const CrossSearch cross_avx2 = {.row = cross_row};
 #endif

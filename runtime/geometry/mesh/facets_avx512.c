@@ -23,6 +23,7 @@ const FacetSearch facets_avx512 = {.read = read,
                                    .sheets = measure_sheets,
                                    .cover = cover_all,
                                    .split = split};
-const BeamSearch beam_avx512 = {.boxes = beam_boxes, .triangles = beam_triangles};
+const BeamSearch beam_avx512 = {
+    .boxes = beam_boxes, .triangles = beam_triangles, .alike = beam_alike, .facings = beam_facings};
 const CrossSearch cross_avx512 = {.row = cross_row};
 #endif

@@ -22,5 +22,6 @@ const FacetSearch facets_plain = {.read = read,
                                   .sheets = measure_sheets,
                                   .cover = cover_all,
                                   .split = split};
-const BeamSearch beam_plain = {.boxes = beam_boxes, .triangles = beam_triangles};
+const BeamSearch beam_plain = {
+    .boxes = beam_boxes, .triangles = beam_triangles, .alike = beam_alike, .facings = beam_facings};
 const CrossSearch cross_plain = {.row = cross_row};

@@ -39,6 +39,7 @@ typedef struct LightScene {
     BvhSearch *search; /* of the tree's precision */
     const BeamSearch *beam;
     const CrossSearch *cross;
+    const Cones *cones; /* NULL: of vertices that have moved */
     const void *values; /* the vertices */
     LightWay way;
     bool both; /* IRRADIANCE and LTC of one receiver: what one has found serves the other, until pieces_begin */

@@ -3,7 +3,8 @@
 
 #include <math.h>
 
-bool light_ask_all(const Light *l, const double place[2]) {
+bool light_ask_all(Light *l, const double place[2]) {
+    if (l->skipped) light_gather(l, false);
     for (uint32_t i = 0; i < l->store->triangle.n; i++)
         if (light_hides(l, l->store->triangle.data[i], place[0], place[1])) return true;
     return false;
@@ -18,7 +19,7 @@ void light_ask(Light *l, const double (*place)[2], uint32_t n, bool *dark) {
     } rays;
     int32_t witness[LIGHT_AT_ONCE];
     memset(dark, 0, n * sizeof *dark);
-    if (!n || !l->store->triangle.n) return;
+    if (!n || (!l->store->triangle.n && !l->skipped)) return;
     for (uint32_t k = 0; k < n; k++) {
         const double *m = place[k];
         double size = 0;

@@ -91,55 +91,27 @@ static bool forget(Light *l) {
     return store->stamp;
 }
 
-/* light_facing of a leaf's triangles at once, the same operations; corners at places without a triangle are 0. */
-static void face_leaf(const Light *l, double at[3][3][BVH_LEAF], const int32_t triangle[BVH_LEAF]) {
-    double det[BVH_LEAF], square[BVH_LEAF], least[BVH_LEAF];
-    for (int k = 0; k < BVH_LEAF; k++) {
-        const double a[3] = {at[0][0][k] - l->p[0], at[0][1][k] - l->p[1], at[0][2][k] - l->p[2]};
-        const double p[3] = {(at[1][0][k] - l->p[0]) - a[0], (at[1][1][k] - l->p[1]) - a[1],
-                             (at[1][2][k] - l->p[2]) - a[2]};
-        const double q[3] = {(at[2][0][k] - l->p[0]) - a[0], (at[2][1][k] - l->p[1]) - a[1],
-                             (at[2][2][k] - l->p[2]) - a[2]};
-        double normal[3];
-        vec_cross(p, q, normal);
-        det[k] = vec_dot(a, normal), square[k] = vec_dot(normal, normal);
-    }
-    for (int k = 0; k < BVH_LEAF; k++) {
-        least[k] = HUGE_VAL;
-        for (int c = 0; c < 3 && l->through; c++) {
-            const double corner[3] = {at[c][0][k] - l->p[0], at[c][1][k] - l->p[1], at[c][2][k] - l->p[2]};
-            least[k] = light_min(least[k], vec_dot(l->row[2], corner));
-        }
-    }
-    for (int k = 0; k < BVH_LEAF; k++) {
-        if (triangle[k] < 0) continue;
-        const Facing f = facing_by(l, det[k], square[k]);
-        note(l, triangle[k], f == FACING_NOT || !l->through || least[k] < l->beyond ? f : FACING_BEYOND);
-    }
-}
-
-static void take_leaf(Light *l, const BeamPlane *plane, int32_t leaf) {
+static void take_leaf(Light *l, const BeamPlane *plane, const BeamSight *sight, int32_t leaf) {
     const Bvh *b = l->s->tree.bvh;
-    double at[3][3][BVH_LEAF];
-    const BvhLeaf64 *f64 = b->f64 ? (const BvhLeaf64 *)b->leaf + leaf : NULL;
-    const BvhLeaf32 *f32 = b->f64 ? NULL : (const BvhLeaf32 *)b->leaf + leaf;
-    const int32_t *triangle = f64 ? f64->triangle : f32->triangle;
+    const int32_t *triangle =
+        b->f64 ? ((const BvhLeaf64 *)b->leaf)[leaf].triangle : ((const BvhLeaf32 *)b->leaf)[leaf].triangle;
     const bool moved = l->s->tree.moved;
     const uint32_t in = l->lit && !moved ? l->s->beam->triangles(b, leaf, plane, l->nplanes, l->p) : ~0u;
     for (int i = 0; i < BVH_LEAF; i++)
         if (in >> i & 1 && triangle[i] >= 0 && !ROW_ADD(l->store->triangle, triangle[i])) l->lost = true;
     if (l->lit || moved) return;
-    for (int c = 0; c < 3; c++)
-        for (int a = 0; a < 3; a++)
-            for (int i = 0; i < BVH_LEAF; i++) at[c][a][i] = f64 ? f64->at[c][a][i] : (double)f32->at[c][a][i];
-    face_leaf(l, at, triangle);
+    const BeamFacings f = l->s->beam->facings(b, leaf, sight);
+    for (int i = 0; i < BVH_LEAF; i++)
+        if (triangle[i] >= 0) note(l, triangle[i], (Facing)((f.low >> i & 1) | (f.high >> i & 1) << 1));
 }
 
-void light_gather(Light *l) {
+/* edges: only where some end a shadow. */
+void light_gather(Light *l, bool edges) {
     const Bvh *b = l->s->tree.bvh;
     BeamPlane plane[PLANES];
     int32_t stack[BVH_STACK];
     uint32_t depth = 0;
+    l->store->triangle.n = 0;
     if (!forget(l)) {
         l->lost = true;
         return;
@@ -147,16 +119,26 @@ void light_gather(Light *l) {
     set_planes(l, plane);
     l->nplanes = l->lit ? PLANES - 1 : PLANES;
     l->through = reaches(l, &b->node[0]);
+    const ConeNode *cone = edges && !l->lit && !l->s->tree.moved && l->s->cones ? l->s->cones->node : NULL;
+    BeamSight sight = {.near = l->near, .beyond = l->through ? l->beyond : HUGE_VAL};
+    memcpy(sight.p, l->p, sizeof sight.p), memcpy(sight.along, l->row[2], sizeof sight.along);
+    l->skipped = false;
     stack[depth++] = 0;
     while (depth) {
-        const BvhNode *n = &b->node[stack[--depth]];
-        for (uint32_t in = l->s->beam->boxes(n, plane, l->nplanes, l->p, l->s->tree.slack); in; in &= in - 1) {
+        const int32_t at = stack[--depth];
+        const BvhNode *n = &b->node[at];
+        uint32_t in = l->s->beam->boxes(n, plane, l->nplanes, l->p, l->s->tree.slack);
+        if (in && cone) {
+            const uint32_t alike = in & l->s->beam->alike(n, &cone[at], &sight);
+            l->skipped |= alike != 0, in &= ~alike;
+        }
+        for (; in; in &= in - 1) {
             const int32_t child = n->child[__builtin_ctz(in)];
             if (child >= 0) {
                 stack[depth++] = child;
                 continue;
             }
-            take_leaf(l, plane, ~child);
+            take_leaf(l, plane, &sight, ~child);
         }
     }
 }

@@ -145,6 +145,7 @@ typedef struct Light {
     uint32_t nborder; /* segments before those of the mesh */
     bool f64, lost;
     bool touches;                        /* p lies on a triangle in the beam, as far as rounding can tell */
+    bool skipped;                        /* not all triangles in the beam are in the row */
     bool through;                        /* some of the mesh is on the light's plane or behind it */
     double key[LIGHT_KEY];               /* rows SLT_LIGHT_P to SLT_LIGHT_V of the question */
     double p[3], n[3], c[3], u[3], v[3]; /* c, u, v: the light's v is u here, so that det(u, v, c) > 0 */
@@ -172,8 +173,9 @@ typedef enum Facing { FACING_NOT, FACING_BEYOND, FACING_TO, FACING_AWAY } Facing
 void light_vertex(const Light *l, int32_t vertex, double at[3]);
 void light_corners(const Light *l, int32_t triangle, double at[3][3]);
 Facing light_facing(const Light *l, int32_t triangle, double at[3][3]);
-/* Segments 0 .. LINE_MESH - 1, and the triangles that may hide something. */
-void light_gather(Light *l);
+/* The triangles that may hide something. edges: but for those none of whose edges ends a shadow; l->skipped: there were
+ * such. */
+void light_gather(Light *l, bool edges);
 void light_edges(Light *l);  /* the way of silhouettes: all further segments */
 void light_facets(Light *l); /* the other: facets and their segments */
 bool light_hides(const Light *l, int32_t triangle, double u, double v);
@@ -190,7 +192,7 @@ enum { LIGHT_AT_ONCE = 32 }; /* places */
 /* Does anything hide these places of the window? One ray each answers. */
 void light_ask(Light *l, const double (*place)[2], uint32_t n, bool *dark);
 /* The same by all triangles in the beam, in double precision. */
-bool light_ask_all(const Light *l, const double place[2]);
+bool light_ask_all(Light *l, const double place[2]);
 
 /* light_pieces.c */
 /* The window as far as it is above the receiver's horizon: that of the lobe clips what is lit, for both queries find

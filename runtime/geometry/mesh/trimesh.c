@@ -167,6 +167,7 @@ static LightScene light_scene(const SltGeometry *g, const void *values) {
                         .search = m->rays->by[m->from.f64],
                         .beam = m->beam,
                         .cross = m->cross,
+                        .cones = &m->cones,
                         .values = values,
                         .both = (m->from.queries & receivers) == receivers};
 }
@@ -225,6 +226,7 @@ static void release(SltGeometry *g) {
     if (!m) return;
     if (m->has_tree) bvh_free(&m->bvh);
     if (m->has_adjacency) adjacency_free(&m->adjacency);
+    cones_free(&m->cones);
     free(m);
 }
 
@@ -261,6 +263,7 @@ SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void
         release(&m->base.shared);
         return status_fail(err, SLT_LIMIT, "out of memory for the edges of a mesh of %u triangles", from->nfaces);
     }
+    if (from->queries & receivers) cones_follow(&m->cones, &m->bvh, &m->adjacency, values);
     describe(m);
     if (m->has_adjacency) m->base.shared.query[SLT_QUERY_BETWEEN] = between;
     if (m->has_tree) {
@@ -294,6 +297,7 @@ static uint64_t follow(SltGeometry *g, const void *values) {
     if (!m->dirty) return 0;
     m->dirty = false;
     if (m->has_tree) bvh_follow(&m->bvh, values); /* without memory for a new tree the old one serves, slower */
+    if (m->from.queries & receivers) cones_follow(&m->cones, &m->bvh, &m->adjacency, values);
     describe(m);
     return 3 * (uint64_t)m->from.nvertices;
 }
@@ -310,7 +314,8 @@ static double growth(const SltGeometry *g, const void *from, const void *to) {
 
 static size_t held(const SltGeometry *g) {
     const Trimesh *m = g->made;
-    return (m->has_tree ? bvh_bytes(&m->bvh) : 0) + (m->has_adjacency ? adjacency_bytes(&m->adjacency) : 0);
+    return (m->has_tree ? bvh_bytes(&m->bvh) : 0) + (m->has_adjacency ? adjacency_bytes(&m->adjacency) : 0) +
+           m->cones.n * sizeof *m->cones.node;
 }
 
 static bool lost(const SltGeometry *g) { return atomic_exchange(((const Trimesh *)g->made)->lost, false); }
