@@ -140,6 +140,12 @@ static void set_child(const Made *m, ConeNode *node, uint32_t i, int k) {
     node[i].off[k] = c.off < (double)1e30f ? (float)(c.off * (1 + WIDER)) : HUGE_VALF; /* also of NaN */
 }
 
+static bool all_one_way(const Bvh *b, const Adjacency *a) {
+    for (size_t half = 0; half < 3 * (size_t)b->nfaces; half++)
+        if (a->across[half] >= 0 && b->face[a->across[half]] == b->face[half]) return false;
+    return true;
+}
+
 void cones_follow(Cones *c, const Bvh *b, const Adjacency *a, const void *values) {
     const Made m = {
         .b = b, .adjacency = a, .values = values, .normal = malloc((b->nfaces ? b->nfaces : 1) * sizeof *m.normal)};
@@ -147,6 +153,7 @@ void cones_follow(Cones *c, const Bvh *b, const Adjacency *a, const void *values
         cones_free(c);
         c->node = calloc(b->nnodes, sizeof *c->node);
         c->n = c->node ? b->nnodes : 0;
+        c->one_way = all_one_way(b, a);
     }
     if (!m.normal || !c->node) {
         free(m.normal), cones_free(c);

@@ -16,6 +16,7 @@ typedef struct ConeNode {
 typedef struct Cones {
     ConeNode *node; /* as those of the tree; NULL: none */
     uint32_t n;
+    bool one_way; /* wherever two faces share an edge, and no third does, it runs in opposite ways in them */
 } Cones;
 
 /* From where vertices are now. Without memory there are none. */

@@ -19,6 +19,7 @@
 enum {
     MOST = 2048,           /* segments; more are cut window by window */
     NOWHERE = INT_MAX / 2, /* so many hide what is outside of the light */
+    STRIPS = 64,           /* of the light, across u */
     ALONE = -1,            /* of a segment's end: at the light's border, no other */
     SEVERAL = -2           /* more than one other */
 };
@@ -63,6 +64,7 @@ typedef struct Arrangement {
     uint32_t n; /* segments; number n is the outline */
     double x[2][MOST + CROSS_ROOM], y[2][MOST + CROSS_ROOM], end[2][MOST + CROSS_ROOM], blur[MOST + CROSS_ROOM];
     uint32_t line[MOST];
+    uint32_t upto[MOST];              /* the segments before this one begin to the left of where it ends */
     int32_t more[MOST], change[MOST]; /* change: from what hides left of its begin to left of its end */
     int8_t border[2][MOST];           /* line of the border that the end was cut at, or CUT_NOT */
     int32_t next[2][MOST];            /* the end, 2 * segment + which, that is the same vertex */
@@ -87,7 +89,7 @@ void light_arrangement_free(Arrangement *a) {
 /* ---- segments */
 
 /* As far as it is above the line; false: it is not. */
-static bool above(Arrangement *a, uint32_t i, const double g[3], int8_t border) {
+static bool above(Arrangement *a, uint32_t i, const double g[3]) {
     double d[2];
     for (int e = 0; e < 2; e++) d[e] = light_at(g, a->x[e][i], a->y[e][i]);
     if (d[0] <= 0 && d[1] <= 0) return false;
@@ -95,7 +97,7 @@ static bool above(Arrangement *a, uint32_t i, const double g[3], int8_t border) 
         if (d[e] > 0) continue;
         const double at = d[e] / (d[e] - d[!e]);
         a->x[e][i] += at * (a->x[!e][i] - a->x[e][i]), a->y[e][i] += at * (a->y[!e][i] - a->y[e][i]);
-        a->border[e][i] = border;
+        a->border[e][i] = LINE_HORIZON;
     }
     return true;
 }
@@ -106,30 +108,66 @@ static bool is_within(const Arrangement *a, uint32_t i, int e, const double *hor
     return x > near && x < 1 - near && y > near && y < 1 - near && (!horizon || light_at(horizon, x, y) > near);
 }
 
+/* Number n of the arrangement, if it is above the horizon. False: it cannot be told how it lies. */
+static bool take(const Light *l, Arrangement *a, uint32_t line, const double *horizon) {
+    const Segment *s = &l->store->segment.data[line];
+    const uint32_t i = a->n;
+    for (int e = 0; e < 2; e++) a->x[e][i] = s->end[e][0], a->y[e][i] = s->end[e][1], a->border[e][i] = s->cut[e];
+    if (horizon && !above(a, i, horizon)) return true;
+    for (int e = 0; e < 2; e++) {
+        if (a->border[e][i] == CUT_DEEP) return false;
+        if (a->border[e][i] == CUT_NOT && !is_within(a, i, e, horizon)) return false;
+        a->end[e][i] = a->border[e][i] == CUT_NOT ? (e ? s->b : s->a) : -1.0 - (2 * i + (uint32_t)e);
+        a->next[e][i] = ALONE;
+    }
+    const double dx = a->x[1][i] - a->x[0][i], dy = a->y[1][i] - a->y[0][i];
+    a->blur[i] = CROSS_NEAR * sqrt(dx * dx + dy * dy);
+    a->line[i] = line, a->more[i] = s->more;
+    a->n++;
+    return true;
+}
+
+static uint32_t strip_of(const double from, double strips, double u) {
+    const double at = (u - from) * strips;
+    return !(at > 0) ? 0 : at < STRIPS - 1 ? (uint32_t)at : STRIPS - 1;
+}
+
+/* Segments by the strip that they begin in. */
 static bool collect(const Light *l, Arrangement *a, const Polygon *whole) {
     const LightStore *store = l->store;
-    const int8_t horizon = LINE_HORIZON;
+    uint32_t first[STRIPS + 1] = {0}, n = store->segment.n - l->nborder;
+    double low = 1, high = 0;
     bool rises = false;
     for (uint32_t k = 0; k < whole->n; k++) rises |= whole->side[k] == LINE_HORIZON;
     a->n = 0;
-    for (uint32_t line = l->nborder; line < store->segment.n; line++) {
-        const Segment *s = &store->segment.data[line];
-        const uint32_t i = a->n;
-        if (s->kind != SEGMENT_EDGE || i == MOST) return false;
-        if (!s->more) continue;
-        for (int e = 0; e < 2; e++) a->x[e][i] = s->end[e][0], a->y[e][i] = s->end[e][1], a->border[e][i] = s->cut[e];
-        if (rises && !above(a, i, l->clip[0], horizon)) continue;
-        for (int e = 0; e < 2; e++) {
-            if (a->border[e][i] == CUT_DEEP) return false;
-            if (a->border[e][i] == CUT_NOT && !is_within(a, i, e, rises ? l->clip[0] : NULL)) return false;
-            a->end[e][i] = a->border[e][i] == CUT_NOT ? (e ? s->b : s->a) : -1.0 - (2 * i + (uint32_t)e);
-            a->next[e][i] = ALONE;
-        }
-        const double dx = a->x[1][i] - a->x[0][i], dy = a->y[1][i] - a->y[0][i];
-        a->blur[i] = CROSS_NEAR * sqrt(dx * dx + dy * dy);
-        a->line[i] = line, a->more[i] = s->more;
-        a->n++;
+    if (n > MOST) return false;
+    const Segment *segment = store->segment.data + l->nborder;
+    for (uint32_t i = 0; i < n; i++) {
+        if (segment[i].kind != SEGMENT_EDGE) return false;
+        const double u = light_min(segment[i].end[0][0], segment[i].end[1][0]);
+        low = light_min(low, u), high = light_max(high, u);
     }
+    const double strips = high > low ? STRIPS / (high - low) : 0;
+    for (uint32_t i = 0; i < n; i++)
+        first[strip_of(low, strips, light_min(segment[i].end[0][0], segment[i].end[1][0]))]++;
+    for (uint32_t k = 0, sum = 0; k <= STRIPS; k++) {
+        const uint32_t count = first[k];
+        first[k] = sum, sum += count;
+    }
+    uint32_t *order = a->root; /* for now */
+    for (uint32_t i = 0; i < n; i++)
+        order[first[strip_of(low, strips, light_min(segment[i].end[0][0], segment[i].end[1][0]))]++] = i;
+    /* first[k] is now where strip k ends. */
+    uint32_t before = 0, end[STRIPS];
+    for (uint32_t k = 0; k < STRIPS; k++) {
+        for (; before < first[k]; before++) {
+            const Segment *s = &segment[order[before]];
+            if (s->more && !take(l, a, l->nborder + order[before], rises ? l->clip[0] : NULL)) return false;
+        }
+        end[k] = a->n;
+    }
+    for (uint32_t i = 0; i < a->n; i++)
+        a->upto[i] = end[strip_of(low, strips, light_max(a->x[0][i], a->x[1][i]) + CROSS_NEAR)];
     return true;
 }
 
@@ -174,9 +212,9 @@ static bool meet(const Light *l, Arrangement *a) {
     const CrossRows rows = {
         .x = {a->x[0], a->x[1]}, .y = {a->y[0], a->y[1]}, .end = {a->end[0], a->end[1]}, .blur = a->blur};
     a->touch.n = a->meeting.n = 0;
-    for (uint32_t i = 0; i + 1 < a->n; i++) {
-        uint32_t n;
-        if (!l->s->cross->row(&rows, i, i + 1, a->n, a->found, &n)) return false;
+    for (uint32_t i = 0; i < a->n; i++) {
+        uint32_t n = 0;
+        if (i + 1 < a->upto[i] && !l->s->cross->row(&rows, i, i + 1, a->upto[i], a->found, &n)) return false;
         for (uint32_t k = 0; k < n; k++)
             if (!(a->found[k].shares ? note_touch(a, i, a->found[k].other) : note_meeting(a, i, &a->found[k])))
                 return false;

@@ -97,8 +97,13 @@ static void take_leaf(Light *l, const BeamPlane *plane, const BeamSight *sight, 
         b->f64 ? ((const BvhLeaf64 *)b->leaf)[leaf].triangle : ((const BvhLeaf32 *)b->leaf)[leaf].triangle;
     const bool moved = l->s->tree.moved;
     const uint32_t in = l->lit && !moved ? l->s->beam->triangles(b, leaf, plane, l->nplanes, l->p) : ~0u;
+    if (!row_room(&l->store->triangle.data, l->store->triangle.n + BVH_LEAF, &l->store->triangle.room,
+                  sizeof *l->store->triangle.data)) {
+        l->lost = true;
+        return;
+    }
     for (int i = 0; i < BVH_LEAF; i++)
-        if (in >> i & 1 && triangle[i] >= 0 && !ROW_ADD(l->store->triangle, triangle[i])) l->lost = true;
+        if (in >> i & 1 && triangle[i] >= 0) l->store->triangle.data[l->store->triangle.n++] = triangle[i];
     if (l->lit || moved) return;
     const BeamFacings f = l->s->beam->facings(b, leaf, sight);
     for (int i = 0; i < BVH_LEAF; i++)
@@ -145,22 +150,37 @@ void light_gather(Light *l, bool edges) {
 
 /* ---- segments */
 
-/* s has its ends, and all that its line does not tell. */
-static void add_segment(Light *l, const double normal[3], Segment s) {
-    s.g[0] = vec_dot(normal, l->u), s.g[1] = vec_dot(normal, l->v), s.g[2] = vec_dot(normal, l->c);
-    const double slope = sqrt(s.g[0] * s.g[0] + s.g[1] * s.g[1]);
+/* The line of the plane through p with that normal; the ends are there. */
+static void set_line(const Light *l, const double normal[3], Segment *s) {
+    s->g[0] = vec_dot(normal, l->u), s->g[1] = vec_dot(normal, l->v), s->g[2] = vec_dot(normal, l->c);
+    const double slope = sqrt(s->g[0] * s->g[0] + s->g[1] * s->g[1]);
     /* A plane that is parallel to the light has no line on it, and two sides all the same. */
-    if (!(slope > 0) || !isfinite(slope)) s.g[0] = s.g[1] = 0, s.g[2] = s.g[2] < 0 ? -1 : 1;
+    if (!(slope > 0) || !isfinite(slope)) s->g[0] = s->g[1] = 0, s->g[2] = s->g[2] < 0 ? -1 : 1;
     else
-        for (int k = 0; k < 3; k++) s.g[k] /= slope;
+        for (int k = 0; k < 3; k++) s->g[k] /= slope;
     for (int i = 0; i < 2; i++)
-        s.low[i] = light_min(s.end[0][i], s.end[1][i]), s.high[i] = light_max(s.end[0][i], s.end[1][i]);
+        s->low[i] = light_min(s->end[0][i], s->end[1][i]), s->high[i] = light_max(s->end[0][i], s->end[1][i]);
     for (int k = 0; k < 2; k++) {
-        const double along = s.g[0] * s.end[k][1] - s.g[1] * s.end[k][0];
-        if (!k || along < s.from) s.from = along;
-        if (!k || along > s.to) s.to = along;
+        const double along = s->g[0] * s->end[k][1] - s->g[1] * s->end[k][0];
+        if (!k || along < s->from) s->from = along;
+        if (!k || along > s->to) s->to = along;
     }
+}
+
+static void add_segment(Light *l, const double normal[3], Segment s) {
+    set_line(l, normal, &s);
     if (!ROW_ADD(l->store->segment, s)) l->lost = true;
+}
+
+void light_lines(Light *l) {
+    for (uint32_t i = l->nborder; i < l->store->segment.n; i++) {
+        Segment *s = &l->store->segment.data[i];
+        double a[3], b[3], normal[3];
+        if (s->kind != SEGMENT_EDGE) continue;
+        light_vertex(l, s->a, a), light_vertex(l, s->b, b);
+        vec_cross(a, b, normal);
+        set_line(l, normal, s);
+    }
 }
 
 /* The part of the edge in the pyramid over the light, whose sides are the light's borders; false: none. */
@@ -204,17 +224,18 @@ static int8_t hides_on(Facing f, bool same_way) {
     return (f == FACING_AWAY) == same_way ? 1 : -1;
 }
 
-/* Edge k of the triangle, and of the one behind the half-edge `other`, if there is one. */
-static void add_edge(Light *l, int32_t triangle, double at[3][3], int k, int32_t other) {
+/* Edge k of the triangle, and of the one behind the half-edge `other`, if there is one. Its line is to come. */
+static void add_edge(Light *l, int32_t triangle, int k, int32_t other) {
     const int32_t *face = l->s->tree.bvh->face + 3 * (size_t)triangle;
-    int a = k, b = (k + 1) % 3;
-    double normal[3];
-    if (face[a] > face[b]) a = b, b = k;
-    Segment s = {.kind = SEGMENT_EDGE, .a = face[a], .b = face[b], .more = hides_on(known(l, triangle), a == k)};
-    if (other >= 0) s.more += hides_on(known(l, other / 3), l->s->tree.bvh->face[other] == face[a]);
-    if (is_own(l, face[a], face[b]) || !clip_edge(l, at[a], at[b], &s)) return;
-    vec_cross(at[a], at[b], normal);
-    add_segment(l, normal, s);
+    const int32_t from = face[k], to = face[(k + 1) % 3];
+    const bool up = from <= to;
+    double a[3], b[3];
+    Segment s = {
+        .kind = SEGMENT_EDGE, .a = up ? from : to, .b = up ? to : from, .more = hides_on(known(l, triangle), up)};
+    if (other >= 0) s.more += hides_on(known(l, other / 3), l->s->tree.bvh->face[other] == s.a);
+    light_vertex(l, s.a, a), light_vertex(l, s.b, b);
+    if (is_own(l, s.a, s.b) || !clip_edge(l, a, b, &s)) return;
+    if (!ROW_ADD(l->store->segment, s)) l->lost = true;
 }
 
 /* Where the triangle passes through the light's plane; false: nowhere. normal: of the difference of 1 / h_z. What lies
@@ -251,9 +272,10 @@ static bool is_clear(double end[2][2]) {
     return false;
 }
 
-static void add_cut(Light *l, int32_t triangle, double at[3][3]) {
+static void add_cut(Light *l, int32_t triangle) {
     Segment s = {.kind = SEGMENT_PLANE, .a = triangle, .b = triangle};
-    double normal[3];
+    double at[3][3], normal[3];
+    light_corners(l, triangle, at);
     if (cut_by_light(l, at, s.end, normal) && !is_clear(s.end)) add_segment(l, normal, s);
 }
 
@@ -267,25 +289,32 @@ static bool goes_on(const Light *l, int32_t triangle, int k, Facing own, int32_t
     return (own == other) == (face[3 * triangle + k] != face[half]);
 }
 
+/* Bits: of a gathered triangle's edges that may end a shadow, in a mesh all of whose faces run one way. Those do not
+ * behind which a face is seen as this one, or was not gathered, which is out of the beam or alike. */
+static uint32_t may_end(const LightStore *store, const int32_t across[3], uint32_t own) {
+    uint32_t may = 0;
+    for (int k = 0; k < 3; k++) {
+        const uint32_t alone = across[k] < 0, other = store->stamp[alone ? 0 : (uint32_t)across[k] / 3],
+                       differs = (other != own) & (other >> 2 == store->stamps);
+        may |= (alone | differs) << k;
+    }
+    return may;
+}
+
 void light_edges(Light *l) {
     const LightStore *store = l->store;
     const Adjacency *adjacency = l->s->adjacency;
+    const bool told = l->s->cones && l->s->cones->one_way && !l->lit && !l->s->tree.moved && !l->s->tree.bvh->unmet;
     for (uint32_t i = 0; i < store->triangle.n; i++) {
-        const int32_t triangle = store->triangle.data[i];
+        const int32_t triangle = store->triangle.data[i], *across = adjacency->across + 3 * (size_t)triangle;
         const Facing own = known(l, triangle);
-        double at[3][3];
-        bool have = false;
-        for (int k = 0; k < 3; k++) {
-            const int32_t other = adjacency->across[3 * (size_t)triangle + (size_t)k];
-            if (other >= 0 && (other / 3 > triangle || goes_on(l, triangle, k, own, other))) continue;
-            if (other < 0 && own < FACING_TO) continue;
-            if (!have) light_corners(l, triangle, at), have = true;
-            add_edge(l, triangle, at, k, other);
+        for (uint32_t may = told ? may_end(store, across, store->stamp[triangle]) : 7; may; may &= may - 1) {
+            const int k = __builtin_ctz(may), other = across[k];
+            if (other < 0 ? own < FACING_TO : other / 3 > triangle || goes_on(l, triangle, k, own, other)) continue;
+            add_edge(l, triangle, k, other);
         }
         l->touches |= own == FACING_NOT;
-        if (own < FACING_TO || !l->through) continue;
-        if (!have) light_corners(l, triangle, at);
-        add_cut(l, triangle, at);
+        if (own >= FACING_TO && l->through) add_cut(l, triangle);
     }
 }
 

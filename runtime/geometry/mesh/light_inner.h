@@ -176,7 +176,8 @@ Facing light_facing(const Light *l, int32_t triangle, double at[3][3]);
 /* The triangles that may hide something. edges: but for those none of whose edges ends a shadow; l->skipped: there were
  * such. */
 void light_gather(Light *l, bool edges);
-void light_edges(Light *l);  /* the way of silhouettes: all further segments */
+void light_edges(Light *l);  /* the way of silhouettes: all further segments, but for the lines that edges lie on */
+void light_lines(Light *l);  /* which pieces need */
 void light_facets(Light *l); /* the other: facets and their segments */
 bool light_hides(const Light *l, int32_t triangle, double u, double v);
 

@@ -317,6 +317,7 @@ static void look(Light *l, uint32_t from, uint32_t to, const Window *w, int halv
 void light_look(Light *l, bool facets) {
     LightStore *store = l->store;
     const uint32_t n = facets ? store->facet.n : store->segment.n;
+    if (!facets) light_lines(l);
     store->list.n = store->shown.n = store->near.n = 0;
     for (uint32_t i = facets ? 0 : l->nborder; i < n; i++)
         if (!ROW_ADD(store->list, i)) l->lost = true;
