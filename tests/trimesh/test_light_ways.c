@@ -21,7 +21,25 @@ static void some_blob(LitScene *s, uint64_t *seed, double x, double y, double z,
     lit_blob(s, o, between(seed, 0.05, 0.3), rings, columns, rough);
 }
 
-enum { KINDS = 7 };
+/* Moves the receiver onto a face, whose normal is its. */
+static void stand_on(LitScene *s, uint64_t *seed) {
+    const int32_t *face = s->face[(uint32_t)between(seed, 0, s->nfaces)];
+    double w[3] = {lit_uniform(seed), lit_uniform(seed), 0}, p[3] = {0}, e[2][3], n[3];
+    for (int k = 0; k < 2 && w[0] + w[1] > 1; k++) w[k] = 1 - w[k];
+    w[2] = 1 - w[0] - w[1];
+    for (int a = 0; a < 3; a++) {
+        for (int k = 0; k < 3; k++) p[a] += w[k] * s->at[face[k]][a];
+        for (int k = 0; k < 2; k++) e[k][a] = s->at[face[k + 1]][a] - s->at[face[0]][a];
+    }
+    for (int a = 0; a < 3; a++) {
+        const int b = (a + 1) % 3, c = (a + 2) % 3;
+        n[a] = e[0][b] * e[1][c] - e[0][c] * e[1][b];
+    }
+    unit_length(n);
+    put(s, SLT_LIGHT_P, p[0], p[1], p[2]), put(s, SLT_LIGHT_N, n[0], n[1], n[2]);
+}
+
+enum { KINDS = 8 };
 static void some_mesh(LitScene *s, int kind, uint64_t *seed) {
     const double *p = s->row + SLT_LIGHT_P;
     switch (kind) {
@@ -43,6 +61,10 @@ static void some_mesh(LitScene *s, int kind, uint64_t *seed) {
         some_blob(s, seed, 0, 0, 0.5, between(seed, 0, 1));
         put(s, SLT_LIGHT_N, between(seed, -1, 1), between(seed, -1, 1), 0.3);
         unit_length(s->row + SLT_LIGHT_N);
+        break;
+    case 7: /* on the mesh, of which a part is between */
+        some_blob(s, seed, 0, 0, 0.3, between(seed, 0, 0.5)), stand_on(s, seed);
+        some_blob(s, seed, 0, 0, 0.7, 0);
         break;
     }
 }

@@ -14,7 +14,7 @@ typedef struct Made {
     const Bvh *b;
     const Adjacency *adjacency;
     const void *values;
-    double (*normal)[3]; /* of each face, of unit length; NaN where it has none */
+    double (*plane)[4]; /* of each face: its normal, of unit length, and n . x on it; NaN where it has none */
 } Made;
 
 static void corner_of(const Made *m, uint32_t face, uint32_t k, double at[3]) {
@@ -23,14 +23,15 @@ static void corner_of(const Made *m, uint32_t face, uint32_t k, double at[3]) {
         at[a] = m->b->f64 ? ((const double *)m->values)[from + a] : (double)((const float *)m->values)[from + a];
 }
 
-static void find_normals(const Made *m) {
+static void find_planes(const Made *m) {
     for (uint32_t f = 0; f < m->b->nfaces; f++) {
         double at[3][3], way[2][3], normal[3];
         for (uint32_t k = 0; k < 3; k++) corner_of(m, f, k, at[k]);
         for (int k = 0; k < 2; k++) vec_minus(at[k + 1], at[0], way[k]);
         vec_cross(way[0], way[1], normal);
         const double length = sqrt(vec_dot(normal, normal));
-        for (int a = 0; a < 3; a++) m->normal[f][a] = length > 0 ? normal[a] / length : (double)NAN;
+        for (int a = 0; a < 3; a++) m->plane[f][a] = length > 0 ? normal[a] / length : (double)NAN;
+        m->plane[f][3] = vec_dot(m->plane[f], at[0]);
     }
 }
 
@@ -76,19 +77,17 @@ static void cone_of_leaf(const Made *m, int32_t leaf, Cone *c) {
         c->off = HUGE_VAL;
         return;
     }
-    for (uint32_t k = 0; k < n; k++) vec_add(sum, 1, m->normal[face[k]]);
+    for (uint32_t k = 0; k < n; k++) vec_add(sum, 1, m->plane[face[k]]);
     set_axis(c, sum);
     c->off = 0;
     for (uint32_t k = 0; k < n; k++) {
-        double at[3];
-        corner_of(m, face[k], 0, at);
-        vec_add(at, -1, c->middle);
-        const double cosine = vec_dot(m->normal[face[k]], c->axis), off = fabs(vec_dot(m->normal[face[k]], at));
+        const double *plane = m->plane[face[k]], cosine = vec_dot(plane, c->axis),
+                     off = fabs(vec_dot(plane, c->middle) - plane[3]);
         if (!(cosine > LEAST)) {
             c->off = HUGE_VAL;
             return;
         }
-        least = fmin(least, cosine), c->off = fmax(c->off, off);
+        least = cosine < least ? cosine : least, c->off = off > c->off ? off : c->off;
     }
     set_cosine(c, least);
 }
@@ -124,7 +123,7 @@ static void cone_of_node(const BvhNode *n, const ConeNode *below, Cone *c) {
             c->off = HUGE_VAL;
             return;
         }
-        least = fmin(least, cosine), c->off = fmax(c->off, off);
+        least = cosine < least ? cosine : least, c->off = off > c->off ? off : c->off;
     }
     set_cosine(c, least);
 }
@@ -148,23 +147,23 @@ static bool all_one_way(const Bvh *b, const Adjacency *a) {
 
 void cones_follow(Cones *c, const Bvh *b, const Adjacency *a, const void *values) {
     const Made m = {
-        .b = b, .adjacency = a, .values = values, .normal = malloc((b->nfaces ? b->nfaces : 1) * sizeof *m.normal)};
+        .b = b, .adjacency = a, .values = values, .plane = malloc((b->nfaces ? b->nfaces : 1) * sizeof *m.plane)};
     if (c->n != b->nnodes) {
         cones_free(c);
         c->node = calloc(b->nnodes, sizeof *c->node);
         c->n = c->node ? b->nnodes : 0;
         c->one_way = all_one_way(b, a);
     }
-    if (!m.normal || !c->node) {
-        free(m.normal), cones_free(c);
+    if (!m.plane || !c->node) {
+        free(m.plane), cones_free(c);
         return;
     }
-    find_normals(&m);
+    find_planes(&m);
     for (uint32_t i = b->nnodes; i-- > 0;)
         for (int k = 0; k < BVH_WIDTH; k++)
             if (b->node[i].child[k]) set_child(&m, c->node, i, k);
             else c->node[i].off[k] = HUGE_VALF;
-    free(m.normal);
+    free(m.plane);
 }
 
 void cones_free(Cones *c) {

@@ -148,7 +148,7 @@ static void search(Light *l) {
     const LightWay way = l->s->way;
     light_gather(l, way == LIGHT_BY_COUNTS || way == LIGHT_SILHOUETTES);
     if (way != LIGHT_TRIANGLES && !l->lost) light_edges(l);
-    if (way != LIGHT_PIECES && !light_wants_triangles(l) && !l->lost && light_arrange(l)) return;
+    if (way != LIGHT_PIECES && way != LIGHT_TRIANGLES && !l->lost && light_arrange(l)) return;
     if (l->skipped && !l->lost) light_gather(l, false);
     const bool facets = light_wants_triangles(l);
     if (facets) s->segment.n = LINE_MESH, light_facets(l);

@@ -2,7 +2,8 @@
  *
  * light.c         the query: light and receiver, the store, what is told
  * light_edges.c   triangles in the beam, the edges that may end a shadow
- * light_arrange.c how silhouettes cross: the border of what is lit, where rounding hides nothing of it
+ * light_arrange.c how silhouettes cross, light_tie.c how many faces hide beside them, light_border.c the border of what
+ *                 is lit: where rounding hides nothing of it (arrangement.h)
  * light_pieces.c  else: sub-windows, pieces, which are lit
  * light_ask.c     does anything hide a place of the light?
  * light_kept.c    what the other query of the same receiver has found
