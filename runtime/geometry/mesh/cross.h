@@ -1,11 +1,11 @@
-/* Which segments of a plane cross: one against eight at a time. */
+/* Which segments of a plane cross: one against as many as a register holds. */
 #ifndef SALTUS_MESH_CROSS_H
 #define SALTUS_MESH_CROSS_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
-enum { CROSS_ROOM = 7 }; /* numbers that rows have behind the last, so that eight can be read */
+enum { CROSS_ROOM = 7 }; /* numbers that rows have behind the last, so that a register can be read */
 
 /* Segment k goes from (x, y)[0][k] to (x, y)[1][k]. Ends of the same number are the same place. */
 typedef struct CrossRows {
