@@ -157,6 +157,7 @@ int main(int argc, char **argv) {
     b.mesh = (Trimesh *)g;
     printf("%u triangles; microseconds a point\n", mesh.nfaces);
     time_way(&b, LIGHT_SILHOUETTES, "by silhouettes");
+    time_way(&b, LIGHT_PIECES, "by pieces");
     if (mesh.nfaces < 30000) time_way(&b, LIGHT_TRIANGLES, "by triangles");
     time_way(&b, LIGHT_BY_COUNTS, "by counts");
     Rays rays = {0};
