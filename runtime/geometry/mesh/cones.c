@@ -14,6 +14,7 @@ typedef struct Made {
     const Bvh *b;
     const Adjacency *adjacency;
     const void *values;
+    bool one_way;
     double (*plane)[4]; /* of each face: its normal, of unit length, and n . x on it; NaN where it has none */
 } Made;
 
@@ -62,7 +63,7 @@ static uint32_t faces_of(const Made *m, int32_t leaf, uint32_t face[4 * BVH_LEAF
         for (size_t e = 0; e < 3; e++) {
             const size_t half = 3 * (size_t)own[k] + e;
             const int32_t other = m->adjacency->across[half];
-            if (other < 0 || m->b->face[other] == m->b->face[half]) return 0;
+            if (other < 0 || (!m->one_way && m->b->face[other] == m->b->face[half])) return 0;
             face[n++] = (uint32_t)other / 3;
         }
     }
@@ -146,14 +147,17 @@ static bool all_one_way(const Bvh *b, const Adjacency *a) {
 }
 
 void cones_follow(Cones *c, const Bvh *b, const Adjacency *a, const void *values) {
-    const Made m = {
-        .b = b, .adjacency = a, .values = values, .plane = malloc((b->nfaces ? b->nfaces : 1) * sizeof *m.plane)};
     if (c->n != b->nnodes) {
         cones_free(c);
         c->node = calloc(b->nnodes, sizeof *c->node);
         c->n = c->node ? b->nnodes : 0;
         c->one_way = all_one_way(b, a);
     }
+    const Made m = {.b = b,
+                    .adjacency = a,
+                    .values = values,
+                    .one_way = c->one_way,
+                    .plane = malloc((b->nfaces ? b->nfaces : 1) * sizeof *m.plane)};
     if (!m.plane || !c->node) {
         free(m.plane), cones_free(c);
         return;
