@@ -65,6 +65,15 @@ static bool take(const Light *l, Arrangement *a, uint32_t line, const double *ho
     return true;
 }
 
+/* Of segments of one edge the first tells how many more hide left of it, the others 0. */
+static void join_many(Segment *segment, uint32_t n) {
+    for (uint32_t i = 0; i < n; i++)
+        for (uint32_t k = i + 1; segment[i].many && k < n; k++) {
+            if (segment[k].a != segment[i].a || segment[k].b != segment[i].b) continue;
+            segment[i].more += segment[k].more, segment[k].more = 0;
+        }
+}
+
 enum { STRIPS = 64 }; /* across u */
 
 static uint32_t strip_of(const double from, double strips, double u) {
@@ -81,7 +90,8 @@ static bool collect(const Light *l, Arrangement *a, const Polygon *whole) {
     for (uint32_t k = 0; k < whole->n; k++) rises |= whole->side[k] == LINE_HORIZON;
     a->n = 0;
     if (n > ARRANGED_MOST) return false;
-    const Segment *segment = store->segment.data + l->nborder;
+    Segment *segment = store->segment.data + l->nborder;
+    join_many(segment, n);
     for (uint32_t i = 0; i < n; i++) {
         if (segment[i].kind != SEGMENT_EDGE) return false;
         const double u = light_min(segment[i].end[0][0], segment[i].end[1][0]);

@@ -219,7 +219,7 @@ static bool is_own(const Light *l, int32_t a, int32_t b) {
 }
 
 /* Which side of the way from a to b a face hides on whose half-edge runs that way, or the other: 1 left, -1 right. */
-static int8_t hides_on(Facing f, bool same_way) {
+static int32_t hides_on(Facing f, bool same_way) {
     if (f < FACING_TO) return 0;
     return (f == FACING_AWAY) == same_way ? 1 : -1;
 }
@@ -230,8 +230,11 @@ static void add_edge(Light *l, int32_t triangle, int k, int32_t other) {
     const int32_t from = face[k], to = face[(k + 1) % 3];
     const bool up = from <= to;
     double a[3], b[3];
-    Segment s = {
-        .kind = SEGMENT_EDGE, .a = up ? from : to, .b = up ? to : from, .more = hides_on(known(l, triangle), up)};
+    Segment s = {.kind = SEGMENT_EDGE,
+                 .a = up ? from : to,
+                 .b = up ? to : from,
+                 .more = hides_on(known(l, triangle), up),
+                 .many = other == ADJACENCY_MANY};
     if (other >= 0) s.more += hides_on(known(l, other / 3), l->s->tree.bvh->face[other] == s.a);
     light_vertex(l, s.a, a), light_vertex(l, s.b, b);
     if (is_own(l, s.a, s.b) || !clip_edge(l, a, b, &s)) return;

@@ -52,7 +52,9 @@ typedef struct Segment {
     SegmentKind kind;
     /* Of the mesh's: how many more faces hide where g > 0, which is left of the way from end 0 to end 1; the border
      * that each end was cut at, or what else it is. */
-    int8_t more, cut[2];
+    int32_t more;
+    int8_t cut[2];
+    bool many; /* of an edge of more than two faces; each has a segment */
 } Segment;
 enum { CUT_NOT = -1, CUT_DEEP = -2 }; /* Segment's `cut`: where a vertex is; at the light's plane */
 
