@@ -62,6 +62,8 @@ static void time_way(const Bench *b, LightWay way, const char *name) {
                               .adjacency = &b->mesh->adjacency,
                               .search = b->mesh->rays->by[1],
                               .beam = b->mesh->beam,
+                              .cross = b->mesh->cross,
+                              .cones = &b->mesh->cones,
                               .values = b->values,
                               .way = way};
     double best = HUGE_VAL, edges = 0, sum = 0;
@@ -155,6 +157,7 @@ int main(int argc, char **argv) {
     b.mesh = (Trimesh *)g;
     printf("%u triangles; microseconds a point\n", mesh.nfaces);
     time_way(&b, LIGHT_SILHOUETTES, "by silhouettes");
+    time_way(&b, LIGHT_PIECES, "by pieces");
     if (mesh.nfaces < 30000) time_way(&b, LIGHT_TRIANGLES, "by triangles");
     time_way(&b, LIGHT_BY_COUNTS, "by counts");
     Rays rays = {0};

@@ -140,7 +140,7 @@ static void expect_sample(Expected *e, const uint32_t cell[3], uint64_t pixel, c
 }
 
 static void walk_against_loops(const Fill *f, const Case *c) {
-    SltScene s = {.dim = c->dim, .channels = 1, .uses_rand = c->rand, .f64 = c->f64, .width = 16};
+    SltScene s = {.dim = c->dim, .channels = 1, .uses_rand = c->rand, .f64 = c->f64, .adj_lanes = 16};
     SltJob j = {.filter = c->filter, .centred = c->centred, .seed = word()};
     Run run = {.s = &s, .j = &j};
     const uint32_t size[3] = {37, c->dim > 1 ? 11 : 1, c->dim > 2 ? 5 : 1};
@@ -200,7 +200,7 @@ static void test_walks(void **unused) { (void)unused, for_all(check_walks); }
 
 static void check_integrals(const Fill *f) {
     for (uint32_t i = 0; i < 12; i++) {
-        SltScene s = {.dim = 1 + i % 3, .channels = 1, .uses_rand = i % 2, .f64 = i / 6, .width = 16};
+        SltScene s = {.dim = 1 + i % 3, .channels = 1, .uses_rand = i % 2, .f64 = i / 6, .adj_lanes = 16};
         SltJob j = {.integral = true};
         Grid g;
         Batch b;

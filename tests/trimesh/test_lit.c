@@ -159,6 +159,7 @@ static void ask(const Scene *s, const double light[3], bool f64, LightWay way, A
                               .adjacency = &m->adjacency,
                               .search = m->rays->by[f64],
                               .beam = m->beam,
+                              .cross = m->cross,
                               .values = values,
                               .way = way};
     double wide[SLT_LIT_ROWS];

@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "beam.h"
+#include "cross.h"
 #include "window.h"
 
 #if defined(__AVX2__)
@@ -14,6 +15,7 @@
 
 #include "facets.inc.h"
 #include "beam.inc.h"
+#include "cross.inc.h"
 
 const FacetSearch facets_avx2 = {.read = read,
                                  .place = place,
@@ -22,5 +24,7 @@ const FacetSearch facets_avx2 = {.read = read,
                                  .survey_all = survey_all,
                                  .cover = cover_all,
                                  .split = split};
-const BeamSearch beam_avx2 = {.boxes = beam_boxes, .triangles = beam_triangles};
+const BeamSearch beam_avx2 = {
+    .boxes = beam_boxes, .triangles = beam_triangles, .alike = beam_alike, .facings = beam_facings};
+const CrossSearch cross_avx2 = {.row = cross_row};
 #endif

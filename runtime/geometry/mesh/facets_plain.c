@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "beam.h"
+#include "cross.h"
 #include "window.h"
 
 #include "lanes.h"
@@ -13,6 +14,7 @@
 
 #include "facets.inc.h"
 #include "beam.inc.h"
+#include "cross.inc.h"
 
 const FacetSearch facets_plain = {.read = read,
                                   .place = place,
@@ -21,4 +23,6 @@ const FacetSearch facets_plain = {.read = read,
                                   .survey_all = survey_all,
                                   .cover = cover_all,
                                   .split = split};
-const BeamSearch beam_plain = {.boxes = beam_boxes, .triangles = beam_triangles};
+const BeamSearch beam_plain = {
+    .boxes = beam_boxes, .triangles = beam_triangles, .alike = beam_alike, .facings = beam_facings};
+const CrossSearch cross_plain = {.row = cross_row};

@@ -6,6 +6,8 @@
  *   chosen(m, a, b)  bit k of m ? a[k] : b[k]             least_of(a)  the least lane
  *   less(a, b)   bit k: a[k] < b[k]     upto(a, b)    bit k: a[k] <= b[k]
  *
+ *   Some         as many doubles as a register holds: of wider vectors compilers keep parts in memory
+ *
  * Functions are always inlined: no vector is passed by an ABI. */
 #ifndef SALTUS_MESH_LANES_H
 #define SALTUS_MESH_LANES_H
@@ -186,6 +188,47 @@ INLINE F8 narrow_D8(D8 v) { return (F8)_mm512_cvtpd_ps((__m512d)v); }
 INLINE D8 wide_F8(F8 v) { return __builtin_convertvector(v, D8); }
 INLINE F8 narrow_D8(D8 v) { return __builtin_convertvector(v, F8); }
 #endif
+
+#if defined(__AVX512DQ__)
+typedef D8 Some;
+INLINE uint32_t less_some(Some a, Some b) { return less_D8(a, b); }
+INLINE uint32_t upto_some(Some a, Some b) { return upto_D8(a, b); }
+INLINE uint32_t equal_some(Some a, Some b) { return _mm512_cmp_pd_mask((__m512d)a, (__m512d)b, _CMP_EQ_OQ); }
+INLINE Some lower_some(Some a, Some b) { return lower_D8(a, b); }
+INLINE Some higher_some(Some a, Some b) { return higher_D8(a, b); }
+INLINE Some some_floats(const float *from) { return (Some)_mm512_cvtps_pd(_mm256_loadu_ps(from)); }
+#elif defined(__AVX__)
+typedef double Some __attribute__((vector_size(32)));
+INLINE uint32_t less_some(Some a, Some b) { return (uint32_t)_mm256_movemask_pd(_mm256_cmp_pd(a, b, _CMP_LT_OQ)); }
+INLINE uint32_t upto_some(Some a, Some b) { return (uint32_t)_mm256_movemask_pd(_mm256_cmp_pd(a, b, _CMP_LE_OQ)); }
+INLINE uint32_t equal_some(Some a, Some b) { return (uint32_t)_mm256_movemask_pd(_mm256_cmp_pd(a, b, _CMP_EQ_OQ)); }
+INLINE Some lower_some(Some a, Some b) { return _mm256_min_pd(a, b); }
+INLINE Some higher_some(Some a, Some b) { return _mm256_max_pd(a, b); }
+INLINE Some some_floats(const float *from) { return _mm256_cvtps_pd(_mm_loadu_ps(from)); }
+#elif defined(__SSE2__)
+typedef double Some __attribute__((vector_size(16)));
+INLINE uint32_t less_some(Some a, Some b) { return (uint32_t)_mm_movemask_pd(_mm_cmplt_pd(a, b)); }
+INLINE uint32_t upto_some(Some a, Some b) { return (uint32_t)_mm_movemask_pd(_mm_cmple_pd(a, b)); }
+INLINE uint32_t equal_some(Some a, Some b) { return (uint32_t)_mm_movemask_pd(_mm_cmpeq_pd(a, b)); }
+INLINE Some lower_some(Some a, Some b) { return _mm_min_pd(a, b); }
+INLINE Some higher_some(Some a, Some b) { return _mm_max_pd(a, b); }
+INLINE Some some_floats(const float *from) { return (Some){(double)from[0], (double)from[1]}; }
+#else
+typedef double Some __attribute__((vector_size(16)));
+INLINE uint32_t less_some(Some a, Some b) { return (uint32_t)(a[0] < b[0]) | (uint32_t)(a[1] < b[1]) << 1; }
+INLINE uint32_t upto_some(Some a, Some b) { return (uint32_t)(a[0] <= b[0]) | (uint32_t)(a[1] <= b[1]) << 1; }
+INLINE uint32_t equal_some(Some a, Some b) { return (uint32_t)(a[0] == b[0]) | (uint32_t)(a[1] == b[1]) << 1; }
+INLINE Some lower_some(Some a, Some b) { return (Some){a[0] < b[0] ? a[0] : b[0], a[1] < b[1] ? a[1] : b[1]}; }
+INLINE Some higher_some(Some a, Some b) { return (Some){a[0] > b[0] ? a[0] : b[0], a[1] > b[1] ? a[1] : b[1]}; }
+INLINE Some some_floats(const float *from) { return (Some){(double)from[0], (double)from[1]}; }
+#endif
+enum { SOME = sizeof(Some) / sizeof(double) };
+INLINE Some some_doubles(const double *from) {
+    Some s;
+    memcpy(&s, from, sizeof s);
+    return s;
+}
+INLINE Some size_some(Some a) { return higher_some(a, -a); }
 
 /* Bit k: bit n of the byte k, of 64 that are aligned. */
 INLINE uint64_t column(const uint8_t *bytes, uint32_t n) {

@@ -19,7 +19,8 @@ static pthread_once_t once = PTHREAD_ONCE_INIT;
 static void release(void *p) {
     LightStore *s = p;
     free(s->edge.data), free(s->triangle.data), free(s->segment.data), free(s->facet.data), free(s->list.data);
-    free(s->piece.data), free(s->lit.data), free(s->shown.data), free(s->near.data), free(s->stamp);
+    free(s->piece.data), free(s->lit.data), free(s->shown.data), free(s->near.data), free(s->arc.data), free(s->stamp);
+    light_arrangement_free(s->arrangement);
     for (uint32_t k = 0; k < LIGHT_SLOTS; k++) free(s->kept[k].data);
     free(s);
 }
@@ -108,7 +109,7 @@ void light_borders(Light *l) {
 bool light_wants_triangles(const Light *l) {
     const LightStore *s = l->store;
     if (l->s->way != LIGHT_BY_COUNTS) return l->s->way == LIGHT_TRIANGLES;
-    return s->segment.n - l->nborder > s->triangle.n;
+    return !l->skipped && s->segment.n - l->nborder > s->triangle.n;
 }
 
 /* What n, view and roughness change by T and by the amplitude. */
@@ -143,8 +144,12 @@ int32_t light_tell(const Light *l, const double *head, const LightEdge *edge, ui
 /* What shines on the receiver: the same for both queries. */
 static void search(Light *l) {
     LightStore *s = l->store;
-    light_gather(l);
-    if (l->s->way != LIGHT_TRIANGLES && !l->lost) light_edges(l);
+    s->shown.n = s->near.n = s->arc.n = 0;
+    const LightWay way = l->s->way;
+    light_gather(l, way == LIGHT_BY_COUNTS || way == LIGHT_SILHOUETTES);
+    if (way != LIGHT_TRIANGLES && !l->lost) light_edges(l);
+    if (way != LIGHT_PIECES && way != LIGHT_TRIANGLES && !l->lost && light_arrange(l)) return;
+    if (l->skipped && !l->lost) light_gather(l, false);
     const bool facets = light_wants_triangles(l);
     if (facets) s->segment.n = LINE_MESH, light_facets(l);
     if (!l->lost) light_look(l, facets);

@@ -4,17 +4,20 @@
  * Everything is seen from the receiver p. A place of the light is (u, v) in [0, 1]^2, its direction c + u U + v V, c
  * from p to the light's corner; X = p + h_z (c + u U + v V) with h = [U V c]^-1 (X - p), (u, v) = h_xy / h_z, is before
  * the light where h_z < 1. Planes through p are lines there. Horizons clip the light; edges across which the mesh
- * begins or ends for p cut it into convex pieces, each wholly lit or dark, and one ray to each says which. A mesh of
- * which nearly all edges are such (loose triangles) is subtracted triangle by triangle instead.
+ * begins or ends for p end what is lit. How they cross tells where, with one ray to each part of their arrangement
+ * (light_arrange.c). Where rounding hides how they cross they cut the light into convex pieces, each wholly lit or
+ * dark, and one ray to each says which. A mesh of which nearly all edges are such (loose triangles), many one behind
+ * the other, is subtracted triangle by triangle instead.
  *
- * The light of a piece is Lambert's sum over its sides; the derivative that of its sides alone, each on a plane through
- * p and two vertices: with the side held, J = integral of (n . w) w along its arc, and dE = J . d(A x B) / |A x B|
- * (light_sum.c). Against a GGX lobe all directions are first mapped by a matrix T (ltc.h).
+ * The light is Lambert's sum over the border of what is lit, or that of all pieces; the derivative that of its sides
+ * alone, each on a plane through p and two vertices: with the side held, J = integral of (n . w) w along its arc, and
+ * dE = J . d(A x B) / |A x B| (light_sum.c). Against a GGX lobe all directions are first mapped by a matrix T (ltc.h).
  *
  * A triangle whose plane passes p within `near` hides nothing: it is the one that p lies on. One that reaches the
  * light's plane and no further hides nothing either.
  *
- *   planes -> triangles in the beam (bvh.h) -> edges, cut to the light -> sub-windows of few edges -> pieces -> sums
+ *   planes -> triangles in the beam (bvh.h) -> edges, cut to the light -> crossings -> border of what is lit -> sums
+ *                                                                      -> sub-windows of few edges -> pieces -> sums
  *
  * What is found is told as units (saltus/mesh.h) of the thread's store (pieces.h). */
 #ifndef SALTUS_MESH_LIGHT_H
@@ -22,12 +25,14 @@
 
 #include "adjacency.h"
 #include "beam.h"
+#include "cross.h"
 #include "rays.h"
 #include "saltus/query.h"
 
 typedef enum LightWay {
     LIGHT_BY_COUNTS,
     LIGHT_SILHOUETTES,
+    LIGHT_PIECES, /* silhouettes, but by pieces even where their arrangement is clear */
     LIGHT_TRIANGLES
 } LightWay; /* the answer is the same up to rounding */
 
@@ -36,6 +41,8 @@ typedef struct LightScene {
     const Adjacency *adjacency;
     BvhSearch *search; /* of the tree's precision */
     const BeamSearch *beam;
+    const CrossSearch *cross;
+    const Cones *cones; /* NULL: of vertices that have moved */
     const void *values; /* the vertices */
     LightWay way;
     bool both; /* IRRADIANCE and LTC of one receiver: what one has found serves the other, until pieces_begin */

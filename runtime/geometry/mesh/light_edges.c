@@ -91,55 +91,32 @@ static bool forget(Light *l) {
     return store->stamp;
 }
 
-/* light_facing of a leaf's triangles at once, the same operations; corners at places without a triangle are 0. */
-static void face_leaf(const Light *l, double at[3][3][BVH_LEAF], const int32_t triangle[BVH_LEAF]) {
-    double det[BVH_LEAF], square[BVH_LEAF], least[BVH_LEAF];
-    for (int k = 0; k < BVH_LEAF; k++) {
-        const double a[3] = {at[0][0][k] - l->p[0], at[0][1][k] - l->p[1], at[0][2][k] - l->p[2]};
-        const double p[3] = {(at[1][0][k] - l->p[0]) - a[0], (at[1][1][k] - l->p[1]) - a[1],
-                             (at[1][2][k] - l->p[2]) - a[2]};
-        const double q[3] = {(at[2][0][k] - l->p[0]) - a[0], (at[2][1][k] - l->p[1]) - a[1],
-                             (at[2][2][k] - l->p[2]) - a[2]};
-        double normal[3];
-        vec_cross(p, q, normal);
-        det[k] = vec_dot(a, normal), square[k] = vec_dot(normal, normal);
-    }
-    for (int k = 0; k < BVH_LEAF; k++) {
-        least[k] = HUGE_VAL;
-        for (int c = 0; c < 3 && l->through; c++) {
-            const double corner[3] = {at[c][0][k] - l->p[0], at[c][1][k] - l->p[1], at[c][2][k] - l->p[2]};
-            least[k] = light_min(least[k], vec_dot(l->row[2], corner));
-        }
-    }
-    for (int k = 0; k < BVH_LEAF; k++) {
-        if (triangle[k] < 0) continue;
-        const Facing f = facing_by(l, det[k], square[k]);
-        note(l, triangle[k], f == FACING_NOT || !l->through || least[k] < l->beyond ? f : FACING_BEYOND);
-    }
-}
-
-static void take_leaf(Light *l, const BeamPlane *plane, int32_t leaf) {
+static void take_leaf(Light *l, const BeamPlane *plane, const BeamSight *sight, int32_t leaf) {
     const Bvh *b = l->s->tree.bvh;
-    double at[3][3][BVH_LEAF];
-    const BvhLeaf64 *f64 = b->f64 ? (const BvhLeaf64 *)b->leaf + leaf : NULL;
-    const BvhLeaf32 *f32 = b->f64 ? NULL : (const BvhLeaf32 *)b->leaf + leaf;
-    const int32_t *triangle = f64 ? f64->triangle : f32->triangle;
+    const int32_t *triangle =
+        b->f64 ? ((const BvhLeaf64 *)b->leaf)[leaf].triangle : ((const BvhLeaf32 *)b->leaf)[leaf].triangle;
     const bool moved = l->s->tree.moved;
     const uint32_t in = l->lit && !moved ? l->s->beam->triangles(b, leaf, plane, l->nplanes, l->p) : ~0u;
+    if (!row_room(&l->store->triangle.data, l->store->triangle.n + BVH_LEAF, &l->store->triangle.room,
+                  sizeof *l->store->triangle.data)) {
+        l->lost = true;
+        return;
+    }
     for (int i = 0; i < BVH_LEAF; i++)
-        if (in >> i & 1 && triangle[i] >= 0 && !ROW_ADD(l->store->triangle, triangle[i])) l->lost = true;
+        if (in >> i & 1 && triangle[i] >= 0) l->store->triangle.data[l->store->triangle.n++] = triangle[i];
     if (l->lit || moved) return;
-    for (int c = 0; c < 3; c++)
-        for (int a = 0; a < 3; a++)
-            for (int i = 0; i < BVH_LEAF; i++) at[c][a][i] = f64 ? f64->at[c][a][i] : (double)f32->at[c][a][i];
-    face_leaf(l, at, triangle);
+    const BeamFacings f = l->s->beam->facings(b, leaf, sight);
+    for (int i = 0; i < BVH_LEAF; i++)
+        if (triangle[i] >= 0) note(l, triangle[i], (Facing)((f.low >> i & 1) | (f.high >> i & 1) << 1));
 }
 
-void light_gather(Light *l) {
+/* edges: only where some end a shadow. */
+void light_gather(Light *l, bool edges) {
     const Bvh *b = l->s->tree.bvh;
     BeamPlane plane[PLANES];
     int32_t stack[BVH_STACK];
     uint32_t depth = 0;
+    l->store->triangle.n = 0;
     if (!forget(l)) {
         l->lost = true;
         return;
@@ -147,43 +124,70 @@ void light_gather(Light *l) {
     set_planes(l, plane);
     l->nplanes = l->lit ? PLANES - 1 : PLANES;
     l->through = reaches(l, &b->node[0]);
+    const ConeNode *cone = edges && !l->lit && !l->s->tree.moved && l->s->cones ? l->s->cones->node : NULL;
+    BeamSight sight = {.near = l->near, .beyond = l->through ? l->beyond : HUGE_VAL};
+    memcpy(sight.p, l->p, sizeof sight.p), memcpy(sight.along, l->row[2], sizeof sight.along);
+    l->skipped = false;
     stack[depth++] = 0;
     while (depth) {
-        const BvhNode *n = &b->node[stack[--depth]];
-        for (uint32_t in = l->s->beam->boxes(n, plane, l->nplanes, l->p, l->s->tree.slack); in; in &= in - 1) {
+        const int32_t at = stack[--depth];
+        const BvhNode *n = &b->node[at];
+        uint32_t in = l->s->beam->boxes(n, plane, l->nplanes, l->p, l->s->tree.slack);
+        if (in && cone) {
+            const uint32_t alike = in & l->s->beam->alike(n, &cone[at], &sight);
+            l->skipped |= alike != 0, in &= ~alike;
+        }
+        for (; in; in &= in - 1) {
             const int32_t child = n->child[__builtin_ctz(in)];
             if (child >= 0) {
                 stack[depth++] = child;
                 continue;
             }
-            take_leaf(l, plane, ~child);
+            take_leaf(l, plane, &sight, ~child);
         }
     }
 }
 
 /* ---- segments */
 
-static void add_segment(Light *l, const double normal[3], double end[2][2], SegmentKind kind, int32_t a, int32_t b) {
-    Segment s = {
-        .g = {vec_dot(normal, l->u), vec_dot(normal, l->v), vec_dot(normal, l->c)}, .kind = kind, .a = a, .b = b};
-    const double slope = sqrt(s.g[0] * s.g[0] + s.g[1] * s.g[1]);
+/* The line of the plane through p with that normal; the ends are there. */
+static void set_line(const Light *l, const double normal[3], Segment *s) {
+    s->g[0] = vec_dot(normal, l->u), s->g[1] = vec_dot(normal, l->v), s->g[2] = vec_dot(normal, l->c);
+    const double slope = sqrt(s->g[0] * s->g[0] + s->g[1] * s->g[1]);
     /* A plane that is parallel to the light has no line on it, and two sides all the same. */
-    if (!(slope > 0) || !isfinite(slope)) s.g[0] = s.g[1] = 0, s.g[2] = s.g[2] < 0 ? -1 : 1;
+    if (!(slope > 0) || !isfinite(slope)) s->g[0] = s->g[1] = 0, s->g[2] = s->g[2] < 0 ? -1 : 1;
     else
-        for (int k = 0; k < 3; k++) s.g[k] /= slope;
-    memcpy(s.end, end, sizeof s.end);
-    for (int i = 0; i < 2; i++) s.low[i] = light_min(end[0][i], end[1][i]), s.high[i] = light_max(end[0][i], end[1][i]);
+        for (int k = 0; k < 3; k++) s->g[k] /= slope;
+    for (int i = 0; i < 2; i++)
+        s->low[i] = light_min(s->end[0][i], s->end[1][i]), s->high[i] = light_max(s->end[0][i], s->end[1][i]);
     for (int k = 0; k < 2; k++) {
-        const double along = s.g[0] * end[k][1] - s.g[1] * end[k][0];
-        if (!k || along < s.from) s.from = along;
-        if (!k || along > s.to) s.to = along;
+        const double along = s->g[0] * s->end[k][1] - s->g[1] * s->end[k][0];
+        if (!k || along < s->from) s->from = along;
+        if (!k || along > s->to) s->to = along;
     }
+}
+
+static void add_segment(Light *l, const double normal[3], Segment s) {
+    set_line(l, normal, &s);
     if (!ROW_ADD(l->store->segment, s)) l->lost = true;
 }
 
-/* The part of the edge in the pyramid over the light; false: none. */
-static bool clip_edge(const Light *l, const double a[3], const double b[3], double end[2][2]) {
+void light_lines(Light *l) {
+    for (uint32_t i = l->nborder; i < l->store->segment.n; i++) {
+        Segment *s = &l->store->segment.data[i];
+        double a[3], b[3], normal[3];
+        if (s->kind != SEGMENT_EDGE) continue;
+        light_vertex(l, s->a, a), light_vertex(l, s->b, b);
+        vec_cross(a, b, normal);
+        set_line(l, normal, s);
+    }
+}
+
+/* The part of the edge in the pyramid over the light, whose sides are the light's borders; false: none. */
+static bool clip_edge(const Light *l, const double a[3], const double b[3], Segment *s) {
+    static const int8_t border[5] = {3, 1, 0, 2, CUT_DEEP};
     double h[2][3], part[2] = {0, 1};
+    s->cut[0] = s->cut[1] = CUT_NOT;
     for (int k = 0; k < 2; k++) vec_map(l->row, k ? b : a, h[k]);
     if (!(h[0][2] > 0) && !(h[1][2] > 0)) return false;
     for (int i = 0; i < 5; i++) {
@@ -191,8 +195,10 @@ static bool clip_edge(const Light *l, const double a[3], const double b[3], doub
         for (int k = 0; k < 2; k++)
             f[k] = i == 4 ? 2 - l->beyond - h[k][2] : i & 1 ? h[k][2] - h[k][i / 2] : h[k][i / 2];
         if (f[0] < 0 && f[1] < 0) return false;
-        if (f[0] < 0) part[0] = light_max(part[0], f[0] / (f[0] - f[1]));
-        if (f[1] < 0) part[1] = light_min(part[1], f[0] / (f[0] - f[1]));
+        if (!(f[0] < 0) && !(f[1] < 0)) continue;
+        const double at = f[0] / (f[0] - f[1]);
+        if (f[0] < 0 && at > part[0]) part[0] = at, s->cut[0] = border[i];
+        if (f[1] < 0 && at < part[1]) part[1] = at, s->cut[1] = border[i];
     }
     if (!(part[0] < part[1])) return false;
     for (int k = 0; k < 2; k++) {
@@ -200,9 +206,9 @@ static bool clip_edge(const Light *l, const double a[3], const double b[3], doub
         for (int i = 0; i < 3; i++)
             at[i] = part[k] == 0 ? h[0][i] : part[k] == 1 ? h[1][i] : h[0][i] + part[k] * (h[1][i] - h[0][i]);
         if (!(at[2] > 0)) return false;
-        end[k][0] = at[0] / at[2], end[k][1] = at[1] / at[2];
+        s->end[k][0] = at[0] / at[2], s->end[k][1] = at[1] / at[2];
     }
-    return isfinite(end[0][0] + end[0][1] + end[1][0] + end[1][1]);
+    return isfinite(s->end[0][0] + s->end[0][1] + s->end[1][0] + s->end[1][1]);
 }
 
 /* A side of the triangle that the window lies on? It cuts nothing of it; rounding must not say otherwise. */
@@ -212,13 +218,27 @@ static bool is_own(const Light *l, int32_t a, int32_t b) {
     return (a == face[0] || a == face[1] || a == face[2]) && (b == face[0] || b == face[1] || b == face[2]);
 }
 
-static void add_edge(Light *l, const int32_t *face, double at[3][3], int k) {
-    int a = k, b = (k + 1) % 3;
-    double end[2][2], normal[3];
-    if (face[a] > face[b]) a = b, b = k;
-    if (is_own(l, face[a], face[b]) || !clip_edge(l, at[a], at[b], end)) return;
-    vec_cross(at[a], at[b], normal);
-    add_segment(l, normal, end, SEGMENT_EDGE, face[a], face[b]);
+/* Which side of the way from a to b a face hides on whose half-edge runs that way, or the other: 1 left, -1 right. */
+static int32_t hides_on(Facing f, bool same_way) {
+    if (f < FACING_TO) return 0;
+    return (f == FACING_AWAY) == same_way ? 1 : -1;
+}
+
+/* Edge k of the triangle, and of the one behind the half-edge `other`, if there is one. Its line is to come. */
+static void add_edge(Light *l, int32_t triangle, int k, int32_t other) {
+    const int32_t *face = l->s->tree.bvh->face + 3 * (size_t)triangle;
+    const int32_t from = face[k], to = face[(k + 1) % 3];
+    const bool up = from <= to;
+    double a[3], b[3];
+    Segment s = {.kind = SEGMENT_EDGE,
+                 .a = up ? from : to,
+                 .b = up ? to : from,
+                 .more = hides_on(known(l, triangle), up),
+                 .many = other == ADJACENCY_MANY};
+    if (other >= 0) s.more += hides_on(known(l, other / 3), l->s->tree.bvh->face[other] == s.a);
+    light_vertex(l, s.a, a), light_vertex(l, s.b, b);
+    if (is_own(l, s.a, s.b) || !clip_edge(l, a, b, &s)) return;
+    if (!ROW_ADD(l->store->segment, s)) l->lost = true;
 }
 
 /* Where the triangle passes through the light's plane; false: nowhere. normal: of the difference of 1 / h_z. What lies
@@ -255,10 +275,11 @@ static bool is_clear(double end[2][2]) {
     return false;
 }
 
-static void add_cut(Light *l, int32_t triangle, double at[3][3]) {
-    double end[2][2], normal[3];
-    if (cut_by_light(l, at, end, normal) && !is_clear(end))
-        add_segment(l, normal, end, SEGMENT_PLANE, triangle, triangle);
+static void add_cut(Light *l, int32_t triangle) {
+    Segment s = {.kind = SEGMENT_PLANE, .a = triangle, .b = triangle};
+    double at[3][3], normal[3];
+    light_corners(l, triangle, at);
+    if (cut_by_light(l, at, s.end, normal) && !is_clear(s.end)) add_segment(l, normal, s);
 }
 
 /* ---- which edges end a shadow */
@@ -271,25 +292,32 @@ static bool goes_on(const Light *l, int32_t triangle, int k, Facing own, int32_t
     return (own == other) == (face[3 * triangle + k] != face[half]);
 }
 
+/* Bits: of a gathered triangle's edges that may end a shadow, in a mesh all of whose faces run one way. Those do not
+ * behind which a face is seen as this one, or was not gathered, which is out of the beam or alike. */
+static uint32_t may_end(const LightStore *store, const int32_t across[3], uint32_t own) {
+    uint32_t may = 0;
+    for (int k = 0; k < 3; k++) {
+        const uint32_t alone = across[k] < 0, other = store->stamp[alone ? 0 : (uint32_t)across[k] / 3],
+                       differs = (other != own) & (other >> 2 == store->stamps);
+        may |= (alone | differs) << k;
+    }
+    return may;
+}
+
 void light_edges(Light *l) {
     const LightStore *store = l->store;
     const Adjacency *adjacency = l->s->adjacency;
+    const bool told = l->s->cones && l->s->cones->one_way && !l->lit && !l->s->tree.moved && !l->s->tree.bvh->unmet;
     for (uint32_t i = 0; i < store->triangle.n; i++) {
-        const int32_t triangle = store->triangle.data[i], *face = l->s->tree.bvh->face + 3 * (size_t)triangle;
+        const int32_t triangle = store->triangle.data[i], *across = adjacency->across + 3 * (size_t)triangle;
         const Facing own = known(l, triangle);
-        double at[3][3];
-        bool have = false;
-        for (int k = 0; k < 3; k++) {
-            const int32_t other = adjacency->across[3 * (size_t)triangle + (size_t)k];
-            if (other >= 0 && (other / 3 > triangle || goes_on(l, triangle, k, own, other))) continue;
-            if (other < 0 && own < FACING_TO) continue;
-            if (!have) light_corners(l, triangle, at), have = true;
-            add_edge(l, face, at, k);
+        for (uint32_t may = told ? may_end(store, across, store->stamp[triangle]) : 7; may; may &= may - 1) {
+            const int k = __builtin_ctz(may), other = across[k];
+            if (other < 0 ? own < FACING_TO : other / 3 > triangle || goes_on(l, triangle, k, own, other)) continue;
+            add_edge(l, triangle, k, other);
         }
         l->touches |= own == FACING_NOT;
-        if (own < FACING_TO || !l->through) continue;
-        if (!have) light_corners(l, triangle, at);
-        add_cut(l, triangle, at);
+        if (own >= FACING_TO && l->through) add_cut(l, triangle);
     }
 }
 
@@ -312,7 +340,7 @@ void light_facets(Light *l) {
     LightStore *store = l->store;
     for (uint32_t i = 0; i < store->triangle.n; i++) {
         const int32_t triangle = store->triangle.data[i], *face = l->s->tree.bvh->face + 3 * (size_t)triangle;
-        double at[3][3], end[2][2], normal[3];
+        double at[3][3], normal[3];
         light_corners(l, triangle, at);
         const Facing facing = light_facing(l, triangle, at);
         if (facing < FACING_TO) continue;
@@ -321,13 +349,15 @@ void light_facets(Light *l) {
             int a = k, b = (k + 1) % 3;
             if (face[a] > face[b]) a = b, b = k;
             f.sign[k] = (facing == FACING_AWAY) == (a == k) ? 1 : -1;
-            if (!clip_edge(l, at[a], at[b], end)) end[0][0] = end[1][0] = end[0][1] = end[1][1] = -1;
+            Segment s = {.kind = SEGMENT_EDGE, .a = face[a], .b = face[b]};
+            if (!clip_edge(l, at[a], at[b], &s)) s.end[0][0] = s.end[1][0] = s.end[0][1] = s.end[1][1] = -1;
             vec_cross(at[a], at[b], normal);
-            add_segment(l, normal, end, SEGMENT_EDGE, face[a], face[b]);
+            add_segment(l, normal, s);
             if (is_own(l, face[a], face[b])) keep_whole(l, normal);
         }
-        f.cut = l->through && cut_by_light(l, at, end, normal);
-        if (f.cut) add_segment(l, normal, end, SEGMENT_PLANE, triangle, triangle);
+        Segment cut = {.kind = SEGMENT_PLANE, .a = triangle, .b = triangle};
+        f.cut = l->through && cut_by_light(l, at, cut.end, normal);
+        if (f.cut) add_segment(l, normal, cut);
         if (!ROW_ADD(store->facet, f)) l->lost = true;
     }
 }

@@ -2,7 +2,10 @@
  *
  * light.c         the query: light and receiver, the store, what is told
  * light_edges.c   triangles in the beam, the edges that may end a shadow
- * light_pieces.c  sub-windows, pieces, which are lit
+ * light_arrange.c how silhouettes cross, light_tie.c how many faces hide beside them, light_border.c the border of what
+ *                 is lit: where rounding hides nothing of it (arrangement.h)
+ * light_pieces.c  else: sub-windows, pieces, which are lit
+ * light_ask.c     does anything hide a place of the light?
  * light_kept.c    what the other query of the same receiver has found
  * light_sum.c     what a piece adds, and its sides' J
  * light_turn.c    from J to derivatives
@@ -47,7 +50,13 @@ typedef struct Segment {
                     side's length in (s, t) times (s, t, 1) at its middle) */
     int32_t a, b;
     SegmentKind kind;
+    /* Of the mesh's: how many more faces hide where g > 0, which is left of the way from end 0 to end 1; the border
+     * that each end was cut at, or what else it is. */
+    int32_t more;
+    int8_t cut[2];
+    bool many; /* of an edge of more than two faces; each has a segment */
 } Segment;
+enum { CUT_NOT = -1, CUT_DEEP = -2 }; /* Segment's `cut`: where a vertex is; at the light's plane */
 
 /* Side k goes from corner k to the next, counter-clockwise, on segment side[k]. */
 typedef struct Polygon {
@@ -80,13 +89,20 @@ typedef struct Shown {
     uint32_t from, n;
 } Shown;
 
+/* A part of the border of what is lit, which lies left of it. sign: 1 where that is the side g > 0 of the line, or -1.
+ */
+typedef struct Arc {
+    double from[2], to[2], sign;
+    uint32_t line;
+} Arc;
+
 /* What was found for a receiver and a light. */
 enum { LIGHT_KEY = 15, LIGHT_SLOTS = 512 };
 typedef struct Kept {
     const void *bvh, *values;
     uint64_t begun; /* pieces_begun */
     double key[LIGHT_KEY];
-    uint32_t nsegments, nshown, nnear;
+    uint32_t nsegments, nshown, nnear, narcs;
     unsigned char *data;
     size_t room;
 } Kept;
@@ -101,6 +117,8 @@ typedef struct LightStore {
     ROW(bool) lit;
     ROW(Shown) shown;
     ROW(uint32_t) near;
+    ROW(Arc) arc;
+    struct Arrangement *arrangement;
     uint32_t *stamp, stamps, marked; /* of each face: what is known of it, by the queries so far */
     Kept kept[LIGHT_SLOTS];
 } LightStore;
@@ -130,6 +148,7 @@ typedef struct Light {
     uint32_t nborder; /* segments before those of the mesh */
     bool f64, lost;
     bool touches;                        /* p lies on a triangle in the beam, as far as rounding can tell */
+    bool skipped;                        /* not all triangles in the beam are in the row */
     bool through;                        /* some of the mesh is on the light's plane or behind it */
     double key[LIGHT_KEY];               /* rows SLT_LIGHT_P to SLT_LIGHT_V of the question */
     double p[3], n[3], c[3], u[3], v[3]; /* c, u, v: the light's v is u here, so that det(u, v, c) > 0 */
@@ -157,15 +176,32 @@ typedef enum Facing { FACING_NOT, FACING_BEYOND, FACING_TO, FACING_AWAY } Facing
 void light_vertex(const Light *l, int32_t vertex, double at[3]);
 void light_corners(const Light *l, int32_t triangle, double at[3][3]);
 Facing light_facing(const Light *l, int32_t triangle, double at[3][3]);
-/* Segments 0 .. LINE_MESH - 1, and the triangles that may hide something. */
-void light_gather(Light *l);
-void light_edges(Light *l);  /* the way of silhouettes: all further segments */
+/* The triangles that may hide something. edges: but for those none of whose edges ends a shadow; l->skipped: there were
+ * such. */
+void light_gather(Light *l, bool edges);
+void light_edges(Light *l);  /* the way of silhouettes: all further segments, but for the lines that edges lie on */
+void light_lines(Light *l);  /* which pieces need */
 void light_facets(Light *l); /* the other: facets and their segments */
 bool light_hides(const Light *l, int32_t triangle, double u, double v);
 
 bool light_hides_some(const Light *l, int32_t triangle); /* it does, somewhere */
 
+/* light_arrange.c */
+/* The row of arcs. False: rounding hides how segments lie, and pieces tell. */
+bool light_arrange(Light *l);
+void light_arrangement_free(struct Arrangement *a);
+
+/* light_ask.c */
+enum { LIGHT_AT_ONCE = 32 }; /* places */
+/* Does anything hide these places of the window? One ray each answers. */
+void light_ask(Light *l, const double (*place)[2], uint32_t n, bool *dark);
+/* The same by all triangles in the beam, in double precision. */
+bool light_ask_all(Light *l, const double place[2]);
+
 /* light_pieces.c */
+/* The window as far as it is above the receiver's horizon: that of the lobe clips what is lit, for both queries find
+ * the same. Of a piece, as far as it is the piece. */
+void light_above(const Light *l, const Window *w, Polygon *p);
 void light_look(Light *l, bool facets); /* the rows `shown` and `near` */
 void light_shine(Light *l);             /* adds what is shown, above the lobe's horizon */
 
@@ -183,6 +219,7 @@ int32_t light_tell(const Light *l, const double *head, const LightEdge *edge, ui
 
 /* light_sum.c */
 void light_add(Light *l, const Polygon *p, const uint32_t *list, uint32_t n);
+void light_add_arcs(Light *l); /* of what is above the lobe's horizon */
 
 /* lit.c */
 void lit_add(Light *l, const Polygon *p); /* its area */

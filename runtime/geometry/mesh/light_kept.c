@@ -32,7 +32,8 @@ static void take(void *to, const unsigned char **from, size_t bytes) {
 void light_keep(Light *l, uint32_t lane) {
     const LightStore *s = l->store;
     Kept *kept = slot(l, lane);
-    size_t bytes = s->segment.n * sizeof *s->segment.data + s->near.n * sizeof *s->near.data;
+    size_t bytes =
+        s->segment.n * sizeof *s->segment.data + s->near.n * sizeof *s->near.data + s->arc.n * sizeof *s->arc.data;
     for (uint32_t i = 0; i < s->shown.n; i++) bytes += 3 * sizeof(uint32_t) + corners_bytes(s->shown.data[i].p.n);
     kept->bvh = NULL;
     if (kept->room < bytes) {
@@ -42,6 +43,7 @@ void light_keep(Light *l, uint32_t lane) {
     }
     unsigned char *at = kept->data;
     put(&at, s->segment.data, s->segment.n * sizeof *s->segment.data);
+    put(&at, s->arc.data, s->arc.n * sizeof *s->arc.data);
     put(&at, s->near.data, s->near.n * sizeof *s->near.data);
     for (uint32_t i = 0; i < s->shown.n; i++) {
         const Shown *shown = &s->shown.data[i];
@@ -52,7 +54,7 @@ void light_keep(Light *l, uint32_t lane) {
         put(&at, shown->p.side, n * sizeof *shown->p.side);
     }
     kept->bvh = l->s->tree.bvh, kept->values = l->s->values, kept->begun = pieces_begun();
-    kept->nsegments = s->segment.n, kept->nshown = s->shown.n, kept->nnear = s->near.n;
+    kept->nsegments = s->segment.n, kept->nshown = s->shown.n, kept->nnear = s->near.n, kept->narcs = s->arc.n;
     memcpy(kept->key, l->key, sizeof kept->key);
 }
 
@@ -69,8 +71,10 @@ bool light_recall(Light *l, uint32_t lane) {
     ROOM(s->segment, kept->nsegments);
     ROOM(s->near, kept->nnear);
     ROOM(s->shown, kept->nshown);
+    ROOM(s->arc, kept->narcs);
     const unsigned char *at = kept->data;
     take(s->segment.data, &at, kept->nsegments * sizeof *s->segment.data);
+    take(s->arc.data, &at, kept->narcs * sizeof *s->arc.data);
     take(s->near.data, &at, kept->nnear * sizeof *s->near.data);
     for (uint32_t i = 0; i < kept->nshown; i++) {
         Shown *shown = &s->shown.data[i];

@@ -108,9 +108,7 @@ static void keep(Light *l, const Polygon *p) {
     else set(l, s->piece.n++, p);
 }
 
-/* The window as far as it is above the receiver's horizon: that of the lobe clips what is lit, for both queries find
- * the same. Of a piece, as far as it is the piece. */
-static void above(const Light *l, const Window *w, Polygon *p) {
+void light_above(const Light *l, const Window *w, Polygon *p) {
     Polygon below;
     if (l->lit) {
         const double line[4][3] = {{0, 1, -w->lo[1]}, {-1, 0, w->hi[0]}, {0, -1, w->hi[1]}, {1, 0, -w->lo[0]}};
@@ -159,59 +157,15 @@ static void cut(Light *l, uint32_t which, uint32_t line) {
     keep(l, &out);
 }
 
-/* Does anything hide the piece, asked at its middle? One ray answers. Where p lies on triangles, they do not: if it is
- * one of them that the ray meets first, or one that floats alone let it meet, all are asked. */
-static void ask(Light *l, uint32_t from, uint32_t n) {
-    enum { RAYS = 32 };
-    LightStore *store = l->store;
-    union {
-        double f64[8 * RAYS];
-        float f32[8 * RAYS];
-    } rays;
-    int32_t witness[RAYS];
-    double middle[RAYS][2];
-    for (uint32_t k = 0; k < n; k++) {
-        const Polygon *p = &store->piece.data[from + k];
-        double *m = middle[k], size = 0;
-        m[0] = m[1] = 0;
-        for (uint32_t i = 0; i < p->n; i++) m[0] += p->u[i], m[1] += p->v[i];
-        m[0] /= p->n, m[1] /= p->n;
-        for (uint32_t a = 0; a < 8; a++) {
-            const uint32_t i = a % 3;
-            double x = l->c[i] + m[0] * l->u[i] + m[1] * l->v[i];
-            if (a < 3) x = l->p[a];
-            else if (a < 6) size += x * x;
-            else x = a == 6 ? l->near / sqrt(size) : l->beyond;
-            if (l->f64) rays.f64[a * n + k] = x;
-            else rays.f32[a * n + k] = (float)x;
-        }
-    }
-    l->s->search(&l->s->tree, &rays, (1ull << n) - 1, n, !l->touches, witness);
-    for (uint32_t k = 0; k < n; k++) {
-        const double *m = middle[k];
-        bool dark = witness[k] >= 0;
-        if (dark && l->touches) dark = light_hides(l, witness[k], m[0], m[1]);
-        for (uint32_t i = 0; i < store->triangle.n && witness[k] >= 0 && !dark; i++)
-            dark = light_hides(l, store->triangle.data[i], m[0], m[1]);
-        store->lit.data[from + k] = !dark;
-    }
+static void middle_of(const Polygon *p, double at[2]) {
+    at[0] = at[1] = 0;
+    for (uint32_t i = 0; i < p->n; i++) at[0] += p->u[i], at[1] += p->v[i];
+    at[0] /= p->n, at[1] /= p->n;
 }
 
-/* The same by all triangles, of which there are few. */
-static void ask_all(Light *l, uint32_t n) {
-    LightStore *store = l->store;
-    for (uint32_t k = 0; k < n; k++) {
-        const Polygon *p = &store->piece.data[k];
-        double u = 0, v = 0;
-        for (uint32_t i = 0; i < p->n; i++) u += p->u[i] / p->n, v += p->v[i] / p->n;
-        bool dark = false;
-        for (uint32_t i = 0; i < store->triangle.n && !dark; i++) dark = light_hides(l, store->triangle.data[i], u, v);
-        store->lit.data[k] = !dark;
-    }
-}
-
+/* Each piece is asked at its middle. */
 static void find_lit(Light *l) {
-    enum { AT_ONCE = 32, FEW_TRIANGLES = 32 };
+    enum { FEW_TRIANGLES = 32 };
     LightStore *store = l->store;
     store->lit.n = 0;
     for (uint32_t i = 0; i < store->piece.n; i++)
@@ -223,11 +177,18 @@ static void find_lit(Light *l) {
     for (uint32_t i = 0; i < store->piece.n; i++)
         if (store->piece.data[i].n >= 3 && n++ < i) set(l, n - 1, &store->piece.data[i]);
     store->piece.n = n;
-    if (l->lit && store->triangle.n <= FEW_TRIANGLES) {
-        ask_all(l, n);
-        return;
+    const bool few = l->lit && store->triangle.n <= FEW_TRIANGLES;
+    for (uint32_t from = 0; from < n; from += LIGHT_AT_ONCE) {
+        double place[LIGHT_AT_ONCE][2];
+        bool dark[LIGHT_AT_ONCE];
+        const uint32_t some = n - from < LIGHT_AT_ONCE ? n - from : LIGHT_AT_ONCE;
+        for (uint32_t k = 0; k < some; k++) {
+            middle_of(&store->piece.data[from + k], place[k]);
+            if (few) dark[k] = light_ask_all(l, place[k]);
+        }
+        if (!few) light_ask(l, (const double(*)[2])place, some, dark);
+        for (uint32_t k = 0; k < some; k++) store->lit.data[from + k] = !dark[k];
     }
-    for (uint32_t i = 0; i < n && store->triangle.n; i += AT_ONCE) ask(l, i, n - i < AT_ONCE ? n - i : AT_ONCE);
 }
 
 /* ---- triangle by triangle */
@@ -311,6 +272,7 @@ static void finish(Light *l, uint32_t from, uint32_t to, const Polygon *whole, b
 
 void light_shine(Light *l) {
     LightStore *store = l->store;
+    light_add_arcs(l);
     for (uint32_t i = 0; i < store->shown.n; i++) {
         Shown *s = &store->shown.data[i];
         Polygon below;
@@ -323,7 +285,7 @@ static void look(Light *l, uint32_t from, uint32_t to, const Window *w, int halv
     LightStore *store = l->store;
     const uint32_t kept = store->list.n;
     Polygon whole, in;
-    above(l, w, &whole);
+    light_above(l, w, &whole);
     if (whole.n < 3) return;
     for (uint32_t k = from; k < to; k++) {
         const uint32_t i = store->list.data[k];
@@ -355,6 +317,7 @@ static void look(Light *l, uint32_t from, uint32_t to, const Window *w, int halv
 void light_look(Light *l, bool facets) {
     LightStore *store = l->store;
     const uint32_t n = facets ? store->facet.n : store->segment.n;
+    if (!facets) light_lines(l);
     store->list.n = store->shown.n = store->near.n = 0;
     for (uint32_t i = facets ? 0 : l->nborder; i < n; i++)
         if (!ROW_ADD(store->list, i)) l->lost = true;

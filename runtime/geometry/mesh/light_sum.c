@@ -127,6 +127,54 @@ static void add_side(Light *l, const double from[2], const double to[2], uint32_
         add_beyond(l, &side, line, false, list, n, sign);
 }
 
+/* The way between two places, of the border of what is lit. To the vector irradiance; and J to `j`, unless it is NULL.
+ */
+static void add_way(Light *l, const double from[2], const double to[2], double sign, double j_sign, double *j) {
+    const double du = to[0] - from[0], dv = to[1] - from[1], turn = from[0] * dv - from[1] * du;
+    double q[2][3], c[3], e[2][3];
+    direction(l, from[0], from[1], q[0]);
+    direction(l, to[0], to[1], q[1]);
+    for (int i = 0; i < 3; i++) c[i] = turn * l->uv[i] + dv * l->cv[i] + du * l->cu[i];
+    const double square = vec_dot(c, c), dot = vec_dot(q[0], q[1]), wide = sqrt(square);
+    if (!(wide > 0)) return;
+    const double angle = angle_of(wide, dot);
+    vec_add(l->flux, sign * 0.5 * angle / wide, c);
+    if (!j) return;
+    const double length[2] = {sqrt(vec_dot(q[0], q[0])), sqrt(vec_dot(q[1], q[1]))}, both = length[0] * length[1],
+                 sine = wide / both, cc = 0.5 * (angle + sine * (dot / both)), ss = angle - cc, cs = 0.5 * sine * sine;
+    double n[2];
+    for (int i = 0; i < 3; i++) e[0][i] = q[0][i] / length[0];
+    vec_cross(c, e[0], e[1]);
+    for (int i = 0; i < 3; i++) e[1][i] /= wide;
+    for (int k = 0; k < 2; k++) n[k] = vec_dot(l->n, e[k]);
+    vec_add(j, j_sign * (n[0] * cc + n[1] * cs), e[0]);
+    vec_add(j, j_sign * (n[0] * cs + n[1] * ss), e[1]);
+}
+
+/* Where the border goes below the lobe's horizon and where it comes up again, the sides along the horizon between are
+ * what is missing: from the first such place to each, added up. */
+void light_add_arcs(Light *l) {
+    double first[2];
+    bool crosses = false;
+    for (uint32_t k = 0; k < l->store->arc.n; k++) {
+        Arc a = l->store->arc.data[k];
+        Segment *s = &l->store->segment.data[a.line];
+        if (l->lobe) {
+            const double d[2] = {light_at(l->clip[1], a.from[0], a.from[1]), light_at(l->clip[1], a.to[0], a.to[1])};
+            if (!(d[0] > 0) && !(d[1] > 0)) continue;
+            if (!(d[0] > 0) || !(d[1] > 0)) {
+                const double part = d[0] / (d[0] - d[1]), at[2] = {a.from[0] + part * (a.to[0] - a.from[0]),
+                                                                   a.from[1] + part * (a.to[1] - a.from[1])};
+                if (!crosses) memcpy(first, at, sizeof first);
+                else add_way(l, first, at, d[1] > 0 ? 1 : -1, 0, NULL);
+                crosses = true;
+                memcpy(d[1] > 0 ? a.from : a.to, at, sizeof at);
+            }
+        }
+        add_way(l, a.from, a.to, 1, a.sign, s->kind != SEGMENT_HORIZON || l->lobe ? s->j : NULL);
+    }
+}
+
 void light_add(Light *l, const Polygon *p, const uint32_t *list, uint32_t n) {
     double q[LIGHT_CORNERS][3];
     if (l->lit) {

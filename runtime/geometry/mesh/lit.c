@@ -219,7 +219,7 @@ static int32_t answer(Light *l) {
     for (uint32_t k = 0; k < q->polygon.n; k++)
         add_parts(l, k, q->turn < 0 ? (2 * q->polygon.n - 2 - k) % q->polygon.n : k);
     l->nborder = s->segment.n;
-    light_gather(l);
+    light_gather(l, false);
     if (l->s->way != LIGHT_TRIANGLES && !l->lost) light_edges(l);
     if (!l->lost) keep_hiding(l);
     const bool facets = light_wants_triangles(l);

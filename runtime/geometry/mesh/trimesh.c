@@ -29,15 +29,16 @@ typedef struct Compiled {
     const BvhSearches *rays;
     const struct FacetSearch *facets;
     const BeamSearch *beam;
+    const CrossSearch *cross;
 } Compiled;
 
 static Compiled compiled_for(TrimeshIsa isa) {
 #if defined(__x86_64__)
-    if (isa == TRIMESH_ISA_AVX512) return (Compiled){&bvh_avx512, &facets_avx512, &beam_avx512};
-    if (isa == TRIMESH_ISA_AVX2) return (Compiled){&bvh_avx2, &facets_avx2, &beam_avx2};
+    if (isa == TRIMESH_ISA_AVX512) return (Compiled){&bvh_avx512, &facets_avx512, &beam_avx512, &cross_avx512};
+    if (isa == TRIMESH_ISA_AVX2) return (Compiled){&bvh_avx2, &facets_avx2, &beam_avx2, &cross_avx2};
 #endif
     (void)isa;
-    return (Compiled){&bvh_plain, &facets_plain, &beam_plain};
+    return (Compiled){&bvh_plain, &facets_plain, &beam_plain, &cross_plain};
 }
 
 /* ---- queries */
@@ -165,6 +166,8 @@ static LightScene light_scene(const SltGeometry *g, const void *values) {
                         .adjacency = &m->adjacency,
                         .search = m->rays->by[m->from.f64],
                         .beam = m->beam,
+                        .cross = m->cross,
+                        .cones = &m->cones,
                         .values = values,
                         .both = (m->from.queries & receivers) == receivers};
 }
@@ -223,6 +226,7 @@ static void release(SltGeometry *g) {
     if (!m) return;
     if (m->has_tree) bvh_free(&m->bvh);
     if (m->has_adjacency) adjacency_free(&m->adjacency);
+    cones_free(&m->cones);
     free(m);
 }
 
@@ -242,7 +246,7 @@ SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void
     if (!m) return status_fail(err, SLT_LIMIT, "out of memory for a mesh");
     m->from = *from;
     const Compiled c = compiled_for(isa ? isa : best_isa());
-    m->rays = c.rays, m->facets = c.facets, m->beam = c.beam;
+    m->rays = c.rays, m->facets = c.facets, m->beam = c.beam, m->cross = c.cross;
     m->lost = &m->lost_;
     m->base.shared.made = m;
     m->base.ops = &geometry_mesh;
@@ -259,6 +263,7 @@ SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void
         release(&m->base.shared);
         return status_fail(err, SLT_LIMIT, "out of memory for the edges of a mesh of %u triangles", from->nfaces);
     }
+    if (from->queries & receivers) cones_follow(&m->cones, &m->bvh, &m->adjacency, values);
     describe(m);
     if (m->has_adjacency) m->base.shared.query[SLT_QUERY_BETWEEN] = between;
     if (m->has_tree) {
@@ -292,6 +297,7 @@ static uint64_t follow(SltGeometry *g, const void *values) {
     if (!m->dirty) return 0;
     m->dirty = false;
     if (m->has_tree) bvh_follow(&m->bvh, values); /* without memory for a new tree the old one serves, slower */
+    if (m->from.queries & receivers) cones_follow(&m->cones, &m->bvh, &m->adjacency, values);
     describe(m);
     return 3 * (uint64_t)m->from.nvertices;
 }
@@ -308,7 +314,8 @@ static double growth(const SltGeometry *g, const void *from, const void *to) {
 
 static size_t held(const SltGeometry *g) {
     const Trimesh *m = g->made;
-    return (m->has_tree ? bvh_bytes(&m->bvh) : 0) + (m->has_adjacency ? adjacency_bytes(&m->adjacency) : 0);
+    return (m->has_tree ? bvh_bytes(&m->bvh) : 0) + (m->has_adjacency ? adjacency_bytes(&m->adjacency) : 0) +
+           m->cones.n * sizeof *m->cones.node;
 }
 
 static bool lost(const SltGeometry *g) { return atomic_exchange(((const Trimesh *)g->made)->lost, false); }

@@ -12,6 +12,7 @@
 
 #include "adjacency.h"
 #include "bvh.h"
+#include "cones.h"
 #include "rays.h"
 #include "runtime/geometry/geometry.h"
 
@@ -30,9 +31,11 @@ typedef struct Trimesh {
     atomic_bool lost_, *lost; /* pieces, for want of memory: queries see the mesh as const */
     Bvh bvh;                  /* where has_tree */
     Adjacency adjacency;      /* where has_adjacency */
+    Cones cones;              /* where lights are asked about */
     const BvhSearches *rays;
     const struct FacetSearch *facets;
     const struct BeamSearch *beam;
+    const struct CrossSearch *cross;
     char text[96]; /* describe */
 } Trimesh;
 
