@@ -81,6 +81,7 @@ struct SltProgram {
     uint32_t nonfinite_sought;           /* place.c: searches that found nothing */
     uint32_t scales_sought;              /* scale.c: searches */
     bool steep_looked, steep_told;       /* steep.c: of images; of a change that has no place in the source */
+    uint32_t threads;                    /* SltJob.threads of the last call: kernels are compiled on so many */
     double ms_front, ms_passes, ms_llvm; /* milliseconds spent compiling */
     bool cached;                         /* every module so far came from the cache */
 

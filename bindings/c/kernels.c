@@ -216,7 +216,8 @@ static CompiledModule *compile(Session *s, Request *q, const KernelRequest *req,
                       .adj = api_adjoint_lanes(p) == 1 ? ADJ_FLAT : ADJ_LANES,
                       .no_cache = p->opt.no_cache,
                       .opt_level = opt_level,
-                      .pixels = api_pixels(p)};
+                      .pixels = api_pixels(p),
+                      .threads = p->threads};
     CompiledModule *m = NULL;
     const char *why = NULL;
     double start = now_ms(), emit, llvm;

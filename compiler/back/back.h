@@ -39,6 +39,7 @@ typedef struct BackOptions {
     const char *cache_dir; /* NULL: $XDG_CACHE_HOME/saltus or ~/.cache/saltus */
     unsigned opt_level;    /* 0..3, default 2 */
     BackPixels pixels;
+    uint32_t threads; /* to compile with; 0: one a core. The code is the same */
 } BackOptions;
 
 typedef struct KernelRequest {
