@@ -206,13 +206,14 @@ static void finish_bounds(SltProgram *p, Fn *bounds) {
     api_geometries_want(p, bounds);
 }
 
-/* One module of n kernels; NULL: none, and the request says why. */
+/* One module of n kernels; NULL: none, and the request says why. few, plain: see BackOptions. */
 static CompiledModule *compile(Session *s, Request *q, const KernelRequest *req, uint32_t n, uint64_t few,
-                               unsigned opt_level) {
+                               uint64_t plain, unsigned opt_level) {
     SltProgram *p = q->p;
     BackOptions bo = {.target = p->target,
                       .width = p->opt.width,
                       .few = few,
+                      .plain = plain,
                       .adj = api_adjoint_lanes(p) == 1 ? ADJ_FLAT : ADJ_LANES,
                       .no_cache = p->opt.no_cache,
                       .opt_level = opt_level,
@@ -240,7 +241,7 @@ static bool is_of_boxes(int kind) {
     return kind == K_BOUNDS || kind == K_EDGE || kind == K_EDGE_BOUNDS || kind == K_WRITTEN_BOUNDS;
 }
 
-static bool is_long(const KernelSet *set, int kind) { return set->chunked && is_of_boxes(kind); }
+static bool is_long(const KernelSet *set, int kind) { return kind == K_PRUNE || (set->chunked && is_of_boxes(kind)); }
 
 /* Where loops have lists, cells are asked about a node of the tree at a time, which is seven boxes or points a call. */
 static bool takes_few(const SltProgram *p, int kind) {
@@ -273,9 +274,8 @@ static void build_body(Session *s, void *arg) {
     if (set.chunks) p->scene.chunks = set.chunks;
     for (int k = 0; k < K_KINDS; k++) p->tried[k] |= q->needs[k];
     KernelRequest req[K_KINDS + SLT_MAX_CULL];
-    KernelRequest long_req[K_KINDS];
-    uint32_t n = 0, nlong = 0;
-    uint64_t few = 0;
+    uint32_t n = 0;
+    uint64_t few = 0, plain = 0;
     for (int k = 0; k < K_KINDS; k++) {
         if (!set.fn[k]) continue;
         p->fn[k] = set.fn[k];
@@ -292,22 +292,19 @@ static void build_body(Session *s, void *arg) {
         if (set.tape[k].bytes_per_lane > p->scene.tape_bytes) p->scene.tape_bytes = set.tape[k].bytes_per_lane;
         p->scene.tape_grows |= set.tape[k].grows;
         if (p->opt.interpret) p->scene.kernel[k] = interpreted;
-        else if (is_long(&set, k)) long_req[nlong++] = (KernelRequest){kernel_names[k], set.fn[k]};
         else {
-            few |= (uint64_t)takes_few(p, k) << n;
+            plain |= (uint64_t)is_long(&set, k) << n;
+            if (!is_long(&set, k)) few |= (uint64_t)takes_few(p, k) << n;
             req[n++] = (KernelRequest){kernel_names[k], set.fn[k]};
         }
     }
     if (q->cull)
         for (uint32_t c = 0; c < p->prog->ncull; c++)
             req[n++] = (KernelRequest){arena_printf(&s->module, "cull%u", c), p->prog->cull_bounds[c]};
-    if (!n && !nlong) return;
-    CompiledModule *usual = NULL, *large = NULL;
-    if (n && !(usual = compile(s, q, req, n, few, level))) return;
-    if (nlong && !(large = compile(s, q, long_req, nlong, 0, 0))) return;
+    CompiledModule *m = n ? compile(s, q, req, n, few, plain, level) : NULL;
+    if (!m) return;
     for (int k = 0; k < K_KINDS; k++) {
         if (!set.fn[k]) continue;
-        CompiledModule *m = is_long(&set, k) ? large : usual;
         p->scene.kernel[k] = back_kernel(m, kernel_names[k]);
         p->module_of[k] = m;
         uint32_t width = back_width(m, kernel_names[k]);
@@ -315,7 +312,7 @@ static void build_body(Session *s, void *arg) {
     }
     if (q->cull)
         for (uint32_t c = 0; c < p->prog->ncull; c++)
-            p->cull_kernels[c] = back_kernel(usual, arena_printf(&s->module, "cull%u", c));
+            p->cull_kernels[c] = back_kernel(m, arena_printf(&s->module, "cull%u", c));
 }
 
 bool api_too_many_sites(const SltProgram *p) { return !p->opt.interpret && p->prog->primal->nsites > MOST_SITES; }

@@ -146,8 +146,7 @@ static const char *emit_in_parts(CodeUnit *u, uint32_t kernel, uint32_t width) {
     return NULL;
 }
 
-bool unit_init(CodeUnit *u, const LlvmApi *ll, uint32_t n, uint32_t nfunctions, const BackOptions *o, char kind) {
-    *u = (CodeUnit){.ll = ll, .o = o, .opt_level = o->opt_level, .kind = kind};
+bool unit_init(CodeUnit *u, uint32_t n, uint32_t nfunctions) {
     u->k = calloc(n + 1, sizeof *u->k);
     u->width = calloc(n + 1, sizeof *u->width);
     u->instructions = calloc(n + 1, sizeof *u->instructions);

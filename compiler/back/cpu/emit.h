@@ -173,7 +173,7 @@ typedef struct CodeUnit {
     int status;
     const char *why;
 } CodeUnit;
-bool unit_init(CodeUnit *u, const LlvmApi *ll, uint32_t n, uint32_t nfunctions, const BackOptions *o, char kind);
+bool unit_init(CodeUnit *u, uint32_t n, uint32_t nfunctions);
 void unit_emit(Session *s, CodeUnit *u);  /* kernels to LLVM's IR; under guard_begin, as the next two */
 void unit_write(Session *s, CodeUnit *u); /* passes and bytes: reads nothing that the caller of back_compile owns */
 void unit_dispose(CodeUnit *u);           /* what LLVM holds */

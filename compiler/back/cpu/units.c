@@ -62,26 +62,48 @@ static uint64_t kernel_cost(const KernelRequest *k, uint32_t width, const Target
     return KERNEL_COST + insts * (width > lanes ? width / lanes : 1);
 }
 
-/* unit_of[n]: the costly ones first, each to the unit that has least so far. Returns how many units there are. */
-static uint32_t share_out(const KernelRequest *k, const uint32_t *width, uint32_t n, const BackOptions *o, bool whole,
-                          Arena *arena, uint32_t *unit_of) {
-    uint64_t *cost = ARENA_ARRAY(arena, uint64_t, n + 1), total = 0, largest = UNIT_COST, load[MAX_UNITS] = {0};
+typedef struct Shares {
+    uint64_t *cost; /* by kernel; then 0 where it has a unit */
+    uint32_t *of;   /* by kernel: its unit */
+    bool *plain;    /* likewise: at level 0 */
+    uint32_t n, units;
+    uint64_t load[MAX_UNITS];
+} Shares;
+
+/* Those of one level: the costly ones first, each to the unit that has least so far. More units than it takes to have
+ * the largest kernel alone would end no sooner. */
+static void share_level(Shares *s, bool plain) {
+    uint64_t total = 0, largest = UNIT_COST;
+    uint32_t first = s->units, count = 0;
+    for (uint32_t j = 0; j < s->n; j++) {
+        if (s->plain[j] != plain) continue;
+        total += s->cost[j], count++;
+        if (s->cost[j] > largest) largest = s->cost[j];
+    }
+    uint64_t wanted = (total + largest - 1) / largest;
+    s->units += wanted > MAX_UNITS / 2 ? MAX_UNITS / 2 : (uint32_t)wanted;
+    for (; count; count--) {
+        uint32_t most = s->n, least = first;
+        for (uint32_t j = 0; j < s->n; j++)
+            if (s->plain[j] == plain && s->cost[j] && (most == s->n || s->cost[j] > s->cost[most])) most = j;
+        for (uint32_t u = first; u < s->units; u++)
+            if (s->load[u] < s->load[least]) least = u;
+        s->load[least] += s->cost[most], s->of[most] = least, s->cost[most] = 0;
+    }
+}
+
+static void share_out(Shares *s, const KernelRequest *k, const uint32_t *width, uint32_t n, const BackOptions *o,
+                      bool whole, Arena *arena) {
+    *s = (Shares){.cost = ARENA_ARRAY(arena, uint64_t, n + 1),
+                  .of = ARENA_ARRAY(arena, uint32_t, n + 1),
+                  .plain = ARENA_ARRAY(arena, bool, n + 1),
+                  .n = n};
     for (uint32_t j = 0; j < n; j++) {
-        total += cost[j] = kernel_cost(&k[j], width[j], &o->target);
-        if (cost[j] > largest) largest = cost[j];
+        s->cost[j] = kernel_cost(&k[j], width[j], &o->target);
+        s->plain[j] = j < 64 && o->plain >> j & 1 && o->opt_level;
     }
-    uint64_t wanted = whole ? 1 : (total + largest - 1) / largest; /* more would wait for the largest all the same */
-    uint32_t units = wanted < 1 ? 1 : wanted > MAX_UNITS ? MAX_UNITS : (uint32_t)wanted;
-    if (units > n) units = n ? n : 1;
-    for (uint32_t left = n; left; left--) {
-        uint32_t most = 0, least = 0;
-        for (uint32_t j = 1; j < n; j++)
-            if (cost[j] > cost[most]) most = j;
-        for (uint32_t u = 1; u < units; u++)
-            if (load[u] < load[least]) least = u;
-        load[least] += cost[most], unit_of[most] = least, cost[most] = 0;
-    }
-    return units;
+    if (!whole) share_level(s, true), share_level(s, false);
+    if (!s->units) s->units = 1; /* all */
 }
 
 /* ---- one unit */
@@ -186,19 +208,24 @@ static void free_team(Team *t) {
     free(t);
 }
 
-static bool make_units(Team *t, const KernelRequest *k, const uint32_t *width, const uint32_t *unit_of, uint32_t n,
-                       const BackOptions *o, char kind) {
+static bool make_units(Team *t, const KernelRequest *k, const uint32_t *width, const Shares *s, const BackOptions *o,
+                       char kind, bool whole) {
     bool ok = true;
     for (uint32_t u = 0; u < t->n; u++) {
+        CodeUnit *unit = &t->unit[u];
         uint32_t count = 0, functions = 0;
-        for (uint32_t j = 0; j < n; j++)
-            if (unit_of[j] == u) count++, functions += count_functions(&k[j]);
-        if (!unit_init(&t->unit[u], &t->api, count, functions, o, kind)) {
+        for (uint32_t j = 0; j < s->n; j++)
+            if (s->of[j] == u) count++, functions += count_functions(&k[j]);
+        *unit = (CodeUnit){.ll = &t->api, .o = o, .opt_level = o->opt_level, .kind = kind};
+        if (!unit_init(unit, count, functions)) {
             ok = false;
             continue;
         }
-        for (uint32_t j = 0; j < n; j++)
-            if (unit_of[j] == u) t->unit[u].width[t->unit[u].n] = width[j], t->unit[u].k[t->unit[u].n++] = k[j];
+        for (uint32_t j = 0; j < s->n; j++) {
+            if (s->of[j] != u) continue;
+            if (!whole && s->plain[j]) unit->opt_level = 0;
+            unit->width[unit->n] = width[j], unit->k[unit->n++] = k[j];
+        }
     }
     return ok;
 }
@@ -224,9 +251,10 @@ int back_codegen(Session *s, const KernelRequest *k, uint32_t n, const BackOptio
                  Codegen *out, const char **why) {
     *out = (Codegen){.object = ARENA_ARRAY(&s->session, CodeObject, MAX_UNITS),
                      .instructions = ARENA_ARRAY(&s->session, uint32_t, n + 1)};
-    uint32_t *width = ARENA_ARRAY(&s->session, uint32_t, n + 1), *unit_of = ARENA_ARRAY(&s->session, uint32_t, n + 1);
+    uint32_t *width = ARENA_ARRAY(&s->session, uint32_t, n + 1);
     for (uint32_t j = 0; j < n; j++) width[j] = back_choose_width(k, j, o);
-    uint32_t units = share_out(k, width, n, o, whole, &s->session, unit_of);
+    Shares shares;
+    share_out(&shares, k, width, n, o, whole, &s->session);
     Team *t = calloc(1, sizeof *t);
     if (!t) {
         *why = "out of memory";
@@ -234,12 +262,12 @@ int back_codegen(Session *s, const KernelRequest *k, uint32_t n, const BackOptio
     }
     pthread_mutex_init(&t->lock, NULL);
     pthread_cond_init(&t->ended, NULL);
-    t->n = units;
+    t->n = shares.units;
     bool no_memory;
     const char *missing = llvm_open(&t->api, &no_memory);
     int status = missing ? (no_memory ? SLT_LIMIT : SLT_INPUT) : SLT_OK;
     if (missing) *why = arena_printf(&s->session, "cannot load LLVM: %s", missing);
-    if (!status && !make_units(t, k, width, unit_of, n, o, kind)) status = SLT_LIMIT, *why = "out of memory";
+    if (!status && !make_units(t, k, width, &shares, o, kind, whole)) status = SLT_LIMIT, *why = "out of memory";
     double start = now_ms();
     if (!status) {
         status = session_protect(s, emit_guarded, t);
@@ -256,7 +284,7 @@ int back_codegen(Session *s, const KernelRequest *k, uint32_t n, const BackOptio
         *why = "out of memory while LLVM compiled";
         return SLT_LIMIT;
     }
-    if (!status) status = give(s, t, unit_of, n, out, why);
+    if (!status) status = give(s, t, shares.of, n, out, why);
     free_team(t);
     return status;
 }
