@@ -108,7 +108,9 @@ static void write_module(Job *j) {
         return;
     }
     LLVMMemoryBufferRef buffer = NULL;
-    if (ll->TargetMachineEmitToMemoryBuffer(j->tm, j->mod, j->kind == 's' ? LLVMAssemblyFile : LLVMObjectFile, &text,
+    const bool text_wanted = j->kind == 's' || j->kind == 'a';
+    if (j->kind == 'a') ll->SetTargetMachineAsmVerbosity(j->tm, true);
+    if (ll->TargetMachineEmitToMemoryBuffer(j->tm, j->mod, text_wanted ? LLVMAssemblyFile : LLVMObjectFile, &text,
                                             &buffer)) {
         fail(j, SLT_INTERNAL, text ? text : "LLVM could not emit the module");
         ll->DisposeMessage(text);
