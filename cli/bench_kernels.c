@@ -140,6 +140,7 @@ int bench_kernels(Cli *c, SltProgram *p) {
     if (prepared != SLT_OK) return prepared;
     bool needs[K_KINDS] = {false};
     for (int k = 0; k < NSHOWN; k++) needs[shown[k]] = true;
+    p->threads = c->job.threads;
     SltStatus status = api_kernels(p, needs, &err);
     if (status == SLT_OK) status = api_geometries(p, &err);
     if (status != SLT_OK) return cli_fail(c, &err);

@@ -209,6 +209,7 @@ SltStatus explain_program(const Cli *c, SltProgram *p, Explained *out, SltError 
     if (!c->job.no_boundary)
         needs[K_REGION] = needs[K_EVENT] = needs[K_SIDES] = needs[K_SITE] = needs[K_SITE_GRAD] = needs[K_SITE_VJP] =
             true;
+    p->threads = c->job.threads;
     SltStatus status = api_kernels_unrun(p, needs, err);
     if (status != SLT_OK) return status;
     depend_sites(g->primal, NULL, e.facts);

@@ -53,7 +53,7 @@ struct SltProgram {
     CompiledModule *modules[16];
     uint32_t nmodules;
     CompiledModule *module_of[K_KINDS];
-    uint8_t compiled_few[K_KINDS], compiled_level[K_KINDS]; /* of BackOptions: few, opt_level */
+    uint8_t compiled_few[K_KINDS], compiled_level[K_KINDS]; /* of BackOptions; 0 where it is plain */
     SltKernel **cull_kernels;                               /* by [Cull] loop */
     uint32_t nlists;                                        /* loops with lists, [Cull] loops first */
     uint32_t *list_counts;                                  /* [SLT_MAX_CULL]: iterations of each */
@@ -82,6 +82,7 @@ struct SltProgram {
     uint32_t nonfinite_sought;           /* place.c: searches that found nothing */
     uint32_t scales_sought;              /* scale.c: searches */
     bool steep_looked, steep_told;       /* steep.c: of images; of a change that has no place in the source */
+    uint32_t threads;                    /* SltJob.threads of the last call: kernels are compiled on so many */
     double ms_front, ms_passes, ms_llvm; /* milliseconds spent compiling */
     bool cached;                         /* every module so far came from the cache */
 

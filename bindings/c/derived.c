@@ -103,8 +103,12 @@ static void compile(Request *q, uint32_t d, int kind) {
     DerivedState *state = &p->derived[d];
     SltScene *scene = &p->derived_scene[d].scene;
     KernelRequest r = {kernel_names[kind], state->fn[kind]};
-    BackOptions bo = {
-        .target = p->target, .width = p->opt.width, .adj = ADJ_FLAT, .no_cache = p->opt.no_cache, .opt_level = 2};
+    BackOptions bo = {.target = p->target,
+                      .width = p->opt.width,
+                      .adj = ADJ_FLAT,
+                      .no_cache = p->opt.no_cache,
+                      .opt_level = 2,
+                      .threads = p->threads};
     const char *why = NULL;
     bool cached;
     double emit, llvm;

@@ -206,25 +206,27 @@ static void finish_bounds(SltProgram *p, Fn *bounds) {
     api_geometries_want(p, bounds);
 }
 
-static BackOptions back_options(const SltProgram *p, uint64_t few, unsigned opt_level) {
+static BackOptions back_options(const SltProgram *p, uint64_t few, uint64_t plain, unsigned opt_level) {
     return (BackOptions){.target = p->target,
                          .width = p->opt.width,
                          .few = few,
+                         .plain = plain,
                          .adj = api_adjoint_lanes(p) == 1 ? ADJ_FLAT : ADJ_LANES,
                          .no_cache = p->opt.no_cache,
                          .opt_level = opt_level,
-                         .pixels = api_pixels(p)};
+                         .pixels = api_pixels(p),
+                         .threads = p->threads};
 }
 
 BackOptions api_compiled_with(const SltProgram *p, int kind) {
-    return back_options(p, p->compiled_few[kind], p->compiled_level[kind]);
+    return back_options(p, p->compiled_few[kind], 0, p->compiled_level[kind]);
 }
 
-/* One module of n kernels; NULL: none, and the request says why. */
+/* One module of n kernels; NULL: none, and the request says why. few, plain: see BackOptions. */
 static CompiledModule *compile(Session *s, Request *q, const KernelRequest *req, uint32_t n, uint64_t few,
-                               unsigned opt_level) {
+                               uint64_t plain, unsigned opt_level) {
     SltProgram *p = q->p;
-    BackOptions bo = back_options(p, few, opt_level);
+    BackOptions bo = back_options(p, few, plain, opt_level);
     CompiledModule *m = NULL;
     const char *why = NULL;
     double start = now_ms(), emit, llvm;
@@ -247,7 +249,7 @@ static bool is_of_boxes(int kind) {
     return kind == K_BOUNDS || kind == K_EDGE || kind == K_EDGE_BOUNDS || kind == K_WRITTEN_BOUNDS;
 }
 
-static bool is_long(const KernelSet *set, int kind) { return set->chunked && is_of_boxes(kind); }
+static bool is_long(const KernelSet *set, int kind) { return kind == K_PRUNE || (set->chunked && is_of_boxes(kind)); }
 
 /* Where loops have lists, cells are asked about a node of the tree at a time, which is seven boxes or points a call. */
 static bool takes_few(const SltProgram *p, int kind) {
@@ -280,9 +282,8 @@ static void build_body(Session *s, void *arg) {
     if (set.chunks) p->scene.chunks = set.chunks;
     for (int k = 0; k < K_KINDS; k++) p->tried[k] |= q->needs[k];
     KernelRequest req[K_KINDS + SLT_MAX_CULL];
-    KernelRequest long_req[K_KINDS];
-    uint32_t n = 0, nlong = 0;
-    uint64_t few = 0;
+    uint32_t n = 0;
+    uint64_t few = 0, plain = 0;
     for (int k = 0; k < K_KINDS; k++) {
         if (!set.fn[k]) continue;
         p->fn[k] = set.fn[k];
@@ -301,22 +302,19 @@ static void build_body(Session *s, void *arg) {
         p->compiled_few[k] = !is_long(&set, k) && takes_few(p, k);
         p->compiled_level[k] = is_long(&set, k) ? 0 : (uint8_t)level;
         if (p->opt.interpret) p->scene.kernel[k] = interpreted;
-        else if (is_long(&set, k)) long_req[nlong++] = (KernelRequest){kernel_names[k], set.fn[k]};
         else {
             few |= (uint64_t)p->compiled_few[k] << n;
+            plain |= (uint64_t)is_long(&set, k) << n;
             req[n++] = (KernelRequest){kernel_names[k], set.fn[k]};
         }
     }
     if (q->cull)
         for (uint32_t c = 0; c < p->prog->ncull; c++)
             req[n++] = (KernelRequest){arena_printf(&s->module, "cull%u", c), p->prog->cull_bounds[c]};
-    if (!n && !nlong) return;
-    CompiledModule *usual = NULL, *large = NULL;
-    if (n && !(usual = compile(s, q, req, n, few, level))) return;
-    if (nlong && !(large = compile(s, q, long_req, nlong, 0, 0))) return;
+    CompiledModule *m = n ? compile(s, q, req, n, few, plain, level) : NULL;
+    if (!m) return;
     for (int k = 0; k < K_KINDS; k++) {
         if (!set.fn[k]) continue;
-        CompiledModule *m = is_long(&set, k) ? large : usual;
         p->scene.kernel[k] = back_kernel(m, kernel_names[k]);
         p->module_of[k] = m;
         uint32_t width = back_width(m, kernel_names[k]);
@@ -324,7 +322,7 @@ static void build_body(Session *s, void *arg) {
     }
     if (q->cull)
         for (uint32_t c = 0; c < p->prog->ncull; c++)
-            p->cull_kernels[c] = back_kernel(usual, arena_printf(&s->module, "cull%u", c));
+            p->cull_kernels[c] = back_kernel(m, arena_printf(&s->module, "cull%u", c));
 }
 
 bool api_too_many_sites(const SltProgram *p) { return !p->opt.interpret && p->prog->primal->nsites > MOST_SITES; }

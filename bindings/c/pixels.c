@@ -71,11 +71,18 @@ typedef struct Stretch {
     uint32_t first, across, row, rows;
 } Stretch;
 
+/* n numbers, nearly always SIDE of them: then the compiler knows how many. */
+#define COPY(to, from, n)                                                                                              \
+    ((n) == SIDE ? memcpy((to), (from), SIDE * sizeof *(to)) : memcpy((to), (from), (n) * sizeof *(to)))
+
+static uint32_t left(const Stretch *s, uint32_t column) {
+    return s->across - column < SIDE ? s->across - column : SIDE;
+}
+
 #define PLACE_COLUMNS(name, T)                                                                                         \
     static void name(const Stretch *s, const T *middle, T *x) {                                                        \
         for (uint32_t c = 0; c < s->across; c += SIDE)                                                                 \
-            for (uint32_t r = 0; r < s->rows; r++)                                                                     \
-                for (uint32_t k = 0; k < SIDE && c + k < s->across; k++) *x++ = middle[s->first + c + k];              \
+            for (uint32_t r = 0, n = left(s, c); r < s->rows; r++, x += n) COPY(x, middle + s->first + c, n);          \
     }
 PLACE_COLUMNS(place_f32, float)
 PLACE_COLUMNS(place_f64, double)
@@ -83,7 +90,13 @@ PLACE_COLUMNS(place_f64, double)
 static void place_pixels(const Stretch *s, int32_t *at) {
     for (uint32_t c = 0; c < s->across; c += SIDE)
         for (uint32_t r = 0; r < s->rows; r++)
-            for (uint32_t k = 0; k < SIDE && c + k < s->across; k++) *at++ = (int32_t)(s->first + c + k);
+            for (uint32_t k = 0; k < left(s, c); k++) *at++ = (int32_t)(s->first + c + k);
+}
+
+static void take_pixels(const Stretch *s, const uint32_t *from, uint32_t *image, uint32_t width) {
+    for (uint32_t c = 0; c < s->across; c += SIDE)
+        for (uint32_t r = 0, n = left(s, c); r < s->rows; r++, from += n)
+            COPY(image + (size_t)(s->row + r) * width + s->first + c, from, n);
 }
 
 /* Of lanes in the order of a stretch. */
@@ -101,13 +114,7 @@ static void run_stretch(const Pixels *q, PixelWorker *w, const Stretch *s) {
     if (q->asks_pixels) place_pixels(s, w->pixel[0]);
     w->args.n_valid = s->across * s->rows;
     q->p->scene.kernel[SLT_K_VALUE](&w->args, s->across * s->rows);
-    const uint32_t width = q->job->size[0], *from = w->out;
-    for (uint32_t c = 0; c < s->across; c += SIDE)
-        for (uint32_t r = 0; r < s->rows; r++) {
-            uint32_t n = s->across - c < SIDE ? s->across - c : SIDE;
-            memcpy(q->out + (size_t)(s->row + r) * width + s->first + c, from, n * sizeof *from);
-            from += n;
-        }
+    take_pixels(s, w->out, q->out, q->job->size[0]);
 }
 
 static void run_rows(const Pixels *q, PixelWorker *w, uint32_t row, uint32_t rows) {

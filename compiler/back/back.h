@@ -34,11 +34,13 @@ typedef struct BackOptions {
     uint32_t width; /* lanes; 0: chosen kernel by kernel, from the program and the target */
     uint64_t few; /* bit by kernel: it is called for few samples at a time, and takes one vector a value; not where the
                      width is given */
+    uint64_t plain; /* bit by kernel: compiled at level 0, since it is long and seldom run */
     AdjLayout adj;
     bool no_cache;
     const char *cache_dir; /* NULL: $XDG_CACHE_HOME/saltus or ~/.cache/saltus */
     unsigned opt_level;    /* 0..3, default 2 */
     BackPixels pixels;
+    uint32_t threads; /* to compile with; 0: one a core. The code is the same */
 } BackOptions;
 
 typedef struct KernelRequest {

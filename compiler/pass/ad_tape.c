@@ -93,7 +93,7 @@ static bool cheap(const Vjp *v, const Inst *i) {
 typedef struct Cost {
     uint32_t ops, leaves;
 } Cost;
-enum { MAX_OPS = 32 };
+enum { MAX_OPS = 24 };
 
 static void cost_of(Vjp *v, Inst *i, Cost *c) {
     if (i->id >= v->f.n || i->block == v->fn->body || v->memo[i->id] || v->stamp[i->id] == v->stamps ||

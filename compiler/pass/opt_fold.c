@@ -35,6 +35,10 @@ static bool is_f(const Inst *i, double v) { return i->op == OP_constf && memcmp(
 static bool is_i(const Inst *i, int32_t v) { return i->op == OP_consti && (int32_t)i->imm.i == v; }
 static bool is_b(const Inst *i, bool v) { return i->op == OP_constb && (i->imm.i != 0) == v; }
 
+static bool rounds(const Inst *i) {
+    return i->op == OP_ffloor || i->op == OP_fceil || i->op == OP_ftrunc || i->op == OP_fround;
+}
+
 /* The value that i is equal to, bit for bit, or NULL. */
 static Inst *identity(Inst *i) {
     Inst *a = i->nargs > 0 ? i->args[0] : NULL, *b = i->nargs > 1 ? i->args[1] : NULL,
@@ -50,6 +54,10 @@ static Inst *identity(Inst *i) {
         return is_f(a, 1.0) ? b : NULL;
     case OP_fdiv: return is_f(b, 1.0) ? a : NULL;
     case OP_fneg: return a->op == OP_fneg ? a->args[0] : NULL;
+    case OP_ffloor:
+    case OP_fceil:
+    case OP_ftrunc:
+    case OP_fround: return rounds(a) ? a : NULL;
     case OP_fmin:
     case OP_fmax: return a == b ? a : NULL;
     case OP_fsel:
@@ -170,6 +178,8 @@ static void fold_block(Fold *f, Block *b) {
         }
         for (uint32_t r = 0; r < i->nregions; r++) fold_block(f, i->region[r]);
         if (ir_ops[i->op].special) continue;
+        if ((i->op == OP_f2i || i->op == OP_f2u) && i->args[0]->op == OP_ftrunc) /* they truncate as well */
+            ir_replace_arg(i, 0, i->args[0]->args[0]), f->changed = true;
         Imm imm;
         Inst *same = identity(i);
         if (same) replace(f, i, same);

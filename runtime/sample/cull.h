@@ -3,12 +3,12 @@
 #ifndef SALTUS_SAMPLE_CULL_H
 #define SALTUS_SAMPLE_CULL_H
 
-#include "runtime/sample/batch.h"
+#include "runtime/sample/cull_grid.h"
 
 typedef struct CullBoxes {
     uint32_t n;            /* [Cull] loops */
     uint32_t nlists;       /* of the program, theirs first */
-    double **box;          /* by loop: [count][4] lo.x lo.y hi.x hi.y */
+    CullGrid *grid;        /* by loop */
     const uint32_t *count; /* by loop: iterations */
 } CullBoxes;
 SltStatus cull_boxes(CullBoxes *c, const SltScene *s, SltError *err);
@@ -16,6 +16,8 @@ void cull_free(CullBoxes *c);
 typedef struct CullLists {
     SltCullList *list; /* by number of the list; those of no [Cull] loop stay without */
     int32_t **items;   /* by [Cull] loop: room for all iterations */
+    uint64_t *found;   /* bits by iteration; 0 between calls */
+    uint64_t *some;    /* bits by word of `found`: it is not 0; likewise */
 } CullLists;
 bool cull_lists_init(CullLists *l, const CullBoxes *c);
 void cull_lists_free(CullLists *l, const CullBoxes *c);

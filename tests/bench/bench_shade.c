@@ -1,10 +1,11 @@
 /* Forward shading: seven kernels in Saltus against the same kernels in scalar C, interleaved in one run, on one thread.
  *
- *     bench_shade FOLDER_OF_SALT_FILES scalar.so:suffix [more.so:suffix ...]
+ *     bench_shade FOLDER_OF_SALT_FILES scalar.so:suffix [more.so:suffix ...] [@TARGET[/LANES] ...]
  *
- * The C libraries export NAME_suffix(uint32_t *out, int w, int h, const float *d). Prints Mpixel/s, the ratio to the
- * first library (median over rounds of the ratio in each round), the share of pixels that differ by more than 2/255,
- * and the geometric mean. */
+ * The C libraries export NAME_suffix(uint32_t *out, int w, int h, const float *d). @avx2, @native/16 and so on are ways
+ * to compile ours, side by side; without one it is @native. Prints Mpixel/s, the ratio to the first library (median
+ * over rounds of the ratio in each round), the share of pixels that differ by more than 2/255, and the geometric means.
+ */
 #include <dlfcn.h>
 #include <math.h>
 #include <stdio.h>
@@ -16,7 +17,7 @@
 
 typedef void Kernel(uint32_t *, int, int, const float *);
 static const char *const names[] = {"circle", "voronoi", "painterly", "fbm", "raymarch", "mlp", "mandel"};
-enum { NK = 7, SIZE = 1024, ROUNDS = 9, MAX_LIBS = 8 };
+enum { NK = 7, SIZE = 1024, ROUNDS = 9, MAX_LIBS = 16 };
 
 static uint32_t rng;
 static float rnd(void) {
@@ -105,62 +106,89 @@ static double differing(const uint32_t *a, const uint32_t *b) {
     return 100.0 * (double)bad / ((double)SIZE * SIZE);
 }
 
-int main(int argc, char **argv) {
-    if (argc < 3) return fprintf(stderr, "usage: bench_shade FOLDER scalar.so:suffix [more.so:suffix ...]\n"), 2;
-    void *lib[MAX_LIBS];
-    char *suffix[MAX_LIBS];
-    int nlibs = 0;
-    for (int i = 2; i < argc && nlibs < MAX_LIBS; i++) {
-        char *colon = strrchr(argv[i], ':');
-        if (!colon) return fprintf(stderr, "%s: LIB:SUFFIX is wanted\n", argv[i]), 2;
-        *colon = 0;
-        suffix[nlibs] = colon + 1;
-        if (!(lib[nlibs++] = dlopen(argv[i], RTLD_NOW))) return fprintf(stderr, "%s\n", dlerror()), 2;
+typedef struct Way {
+    char name[64];
+    void *lib;       /* of C, or NULL */
+    char target[32]; /* ours */
+    uint32_t lanes;  /* 0: chosen */
+    double log_sum;
+} Way;
+
+/* LIB:SUFFIX or @TARGET[/LANES]. */
+static bool read_way(char *text, Way *w) {
+    memset(w, 0, sizeof *w);
+    if (*text == '@') {
+        snprintf(w->name, sizeof w->name, "%s", text);
+        char *slash = strchr(text, '/');
+        if (slash) *slash = 0, w->lanes = (uint32_t)strtoul(slash + 1, NULL, 10);
+        snprintf(w->target, sizeof w->target, "%s", text + 1);
+        return true;
     }
-    uint32_t *out[MAX_LIBS + 1];
-    for (int j = 0; j <= nlibs; j++) out[j] = aligned_alloc(64, 4ul * SIZE * SIZE);
+    char *colon = strrchr(text, ':');
+    if (!colon) return fprintf(stderr, "%s: LIB:SUFFIX or @TARGET is wanted\n", text), false;
+    *colon = 0;
+    snprintf(w->name, sizeof w->name, "%s", colon + 1);
+    if (!(w->lib = dlopen(text, RTLD_NOW))) return fprintf(stderr, "%s\n", dlerror()), false;
+    return true;
+}
+
+static bool make_runner(const Way *w, const char *folder, int k, const float *d, uint32_t n, uint32_t *out, Runner *r) {
+    *r = (Runner){.d = d, .out = out, .times = 1};
+    char text[1024];
+    if (w->lib) {
+        snprintf(text, sizeof text, "%s_%.60s", names[k], w->name);
+        r->c = (Kernel *)dlsym(w->lib, text);
+        return r->c || (fprintf(stderr, "no %s\n", text), false);
+    }
+    snprintf(text, sizeof text, "%s/shade_%s.salt", folder, names[k]);
+    SltOptions o = SLT_OPTIONS_INIT;
+    o.rgba8 = true, o.width = w->lanes, o.target = w->target;
+    if (slt_compile_file(text, &o, &r->p) != SLT_OK)
+        return fprintf(stderr, "%s: %s\n%s", text, slt_last_error(r->p), slt_diagnostics_text(r->p)), false;
+    static double wide[8192];
+    for (uint32_t i = 0; i < n; i++) wide[i] = (double)d[i];
+    return slt_set_floats(r->p, 0, n, wide, NULL) == SLT_OK;
+}
+
+int main(int argc, char **argv) {
+    if (argc < 3) return fprintf(stderr, "usage: bench_shade FOLDER LIB.so:SUFFIX ... [@TARGET[/LANES] ...]\n"), 2;
+    static Way way[MAX_LIBS];
+    uint32_t *out[MAX_LIBS];
+    int n = 0;
+    bool ours = false;
+    for (int i = 2; i < argc && n < MAX_LIBS - 1; i++, n++) {
+        if (!read_way(argv[i], &way[n])) return 2;
+        ours |= !way[n].lib;
+    }
+    if (!ours) read_way((char[]){"@native"}, &way[n++]);
+    for (int j = 0; j < n; j++)
+        if (!(out[j] = aligned_alloc(64, 4ul * SIZE * SIZE))) return fprintf(stderr, "out of memory\n"), 1;
     static float d[8192];
-    double log_sum = 0;
     for (int k = 0; k < NK; k++) {
-        int n = make_data(k, d);
-        Runner r[MAX_LIBS + 1] = {{0}};
-        for (int j = 0; j < nlibs; j++) {
-            char name[128];
-            snprintf(name, sizeof name, "%s_%s", names[k], suffix[j]);
-            r[j] = (Runner){.c = (Kernel *)dlsym(lib[j], name), .d = d, .out = out[j], .times = 1};
-            if (!r[j].c) return fprintf(stderr, "no %s\n", name), 2;
-        }
-        char path[1024];
-        snprintf(path, sizeof path, "%s/shade_%s.salt", argv[1], names[k]);
-        SltOptions o = SLT_OPTIONS_INIT;
-        o.rgba8 = true;
-        SltProgram *p;
-        if (slt_compile_file(path, &o, &p) != SLT_OK)
-            return fprintf(stderr, "%s: %s\n%s", path, slt_last_error(p), slt_diagnostics_text(p)), 1;
-        static double wide[8192];
-        for (int i = 0; i < n; i++) wide[i] = (double)d[i];
-        slt_set_floats(p, 0, (uint32_t)n, wide, NULL);
-        r[nlibs] = (Runner){.p = p, .d = d, .out = out[nlibs], .times = 1};
-        for (int j = 0; j <= nlibs; j++) {
+        int floats = make_data(k, d);
+        static Runner r[MAX_LIBS];
+        for (int j = 0; j < n; j++)
+            if (!make_runner(&way[j], argv[1], k, d, (uint32_t)floats, out[j], &r[j])) return 1;
+        for (int j = 0; j < n; j++) {
             run(&r[j]);
             double t = run(&r[j]);
             r[j].times = t < 0.05 ? (int)ceil(0.05 / t) : 1;
         }
         for (int round = 0; round < ROUNDS; round++)
-            for (int j = 0; j <= nlibs; j++) {
+            for (int j = 0; j < n; j++) {
                 r[j].mpix[round] = (double)SIZE * SIZE / run(&r[j]) * 1e-6;
                 r[j].ratio[round] = r[j].mpix[round] / r[0].mpix[round];
             }
-        for (int j = 0; j <= nlibs; j++) {
+        for (int j = 0; j < n; j++) {
             qsort(r[j].mpix, ROUNDS, sizeof(double), compare);
             qsort(r[j].ratio, ROUNDS, sizeof(double), compare);
-            printf("%-10s %-10s %9.1f Mpixel/s  x%.2f  differ %.4f %%\n", names[k], j < nlibs ? suffix[j] : "saltus",
-                   r[j].mpix[ROUNDS / 2], r[j].ratio[ROUNDS / 2], differing(out[0], out[j]));
+            printf("%-10s %-14s %9.1f Mpixel/s  x%.2f  differ %.4f %%\n", names[k], way[j].name, r[j].mpix[ROUNDS / 2],
+                   r[j].ratio[ROUNDS / 2], differing(out[0], out[j]));
+            way[j].log_sum += log(r[j].ratio[ROUNDS / 2]);
+            slt_program_free(r[j].p);
         }
         fflush(stdout);
-        log_sum += log(r[nlibs].ratio[ROUNDS / 2]);
-        slt_program_free(p);
     }
-    printf("geometric mean of saltus: x%.2f\n", exp(log_sum / NK));
+    for (int j = 1; j < n; j++) printf("geometric mean of %s: x%.2f\n", way[j].name, exp(way[j].log_sum / NK));
     return 0;
 }

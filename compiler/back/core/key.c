@@ -137,7 +137,12 @@ bool cache_key(Session *s, const KernelRequest *k, uint32_t n, const BackOptions
     for (uint32_t j = 0; j < n; j++) {
         size_t name = strlen(k[j].name) + 1;
         for (Fn *fn = k[j].fn; fn; fn = fn->next_part) {
-            uint32_t facts[5] = {fn->precision, fn->nfloats, fn->nints, ir_number(fn), back_choose_width(k, j, o)};
+            uint32_t facts[6] = {fn->precision,
+                                 fn->nfloats,
+                                 fn->nints,
+                                 ir_number(fn),
+                                 back_choose_width(k, j, o),
+                                 j < 64 && o->plain >> j & 1};
             XXH3_128bits_update(state, k[j].name, name);
             XXH3_128bits_update(state, facts, sizeof facts);
             if (fn->serves) XXH3_128bits_update(state, fn->serves, fn->nsites);

@@ -6,41 +6,18 @@
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "compiler/back/cpu/emit.h"
 #include "saltus/status.h"
 
-typedef struct Job {
-    Session *session;
-    const KernelRequest *k;
-    uint32_t n;
-    const BackOptions *o;
-    char kind;
-    Codegen *out;
-    const char *why;
-    int status;
-    LlvmApi api;
-    LLVMContextRef ctx;
-    LLVMModuleRef mod;
-    LLVMTargetMachineRef tm;
-    LLVMTargetDataRef layout;
-} Job;
-
-static double now_ms(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
+static void fail(CodeUnit *u, int status, const char *why) {
+    u->status = status;
+    u->why = arena_printf(&u->session->session, "%s", why);
 }
 
-static void fail(Job *j, int status, const char *why) {
-    j->status = status;
-    j->why = arena_printf(&j->session->session, "%s", why);
-}
-
-static bool open_target(Job *j) {
+static bool open_target(CodeUnit *u) {
     static const char triple[] = "x86_64-unknown-linux-gnu";
-    const LlvmApi *ll = &j->api;
+    const LlvmApi *ll = u->ll;
     ll->InitializeX86TargetInfo();
     ll->InitializeX86Target();
     ll->InitializeX86TargetMC();
@@ -48,33 +25,32 @@ static bool open_target(Job *j) {
     LLVMTargetRef target = NULL;
     char *text = NULL;
     if (ll->GetTargetFromTriple(triple, &target, &text)) {
-        fail(j, SLT_INTERNAL, text ? text : "LLVM has no x86-64 target");
+        fail(u, SLT_INTERNAL, text ? text : "LLVM has no x86-64 target");
         ll->DisposeMessage(text);
         return false;
     }
     static const LLVMCodeGenOptLevel levels[] = {LLVMCodeGenLevelNone, LLVMCodeGenLevelLess, LLVMCodeGenLevelDefault,
                                                  LLVMCodeGenLevelDefault};
-    j->tm =
-        ll->CreateTargetMachine(target, triple, j->o->target.cpu, j->o->target.features,
-                                levels[j->o->opt_level > 3 ? 3 : j->o->opt_level], LLVMRelocPIC, LLVMCodeModelSmall);
-    j->layout = ll->CreateTargetDataLayout(j->tm);
-    ll->SetTarget(j->mod, triple);
-    ll->SetModuleDataLayout(j->mod, j->layout);
+    u->tm = ll->CreateTargetMachine(target, triple, u->o->target.cpu, u->o->target.features,
+                                    levels[u->opt_level > 3 ? 3 : u->opt_level], LLVMRelocPIC, LLVMCodeModelSmall);
+    u->layout = ll->CreateTargetDataLayout(u->tm);
+    ll->SetTarget(u->mod, triple);
+    ll->SetModuleDataLayout(u->mod, u->layout);
     return true;
 }
 
-static bool run_passes(Job *j) {
+static bool run_passes(CodeUnit *u) {
     static const char *const lists[] = {
         "function(mem2reg)", "function(mem2reg,early-cse)", "function(mem2reg,early-cse)",
         ("function(mem2reg,early-cse,instcombine<no-verify-fixpoint>,gvn,loop-mssa(licm)"
          ",instcombine<no-verify-fixpoint>)")};
-    const LlvmApi *ll = &j->api;
+    const LlvmApi *ll = u->ll;
     LLVMPassBuilderOptionsRef options = ll->CreatePassBuilderOptions();
-    LLVMErrorRef err = ll->RunPasses(j->mod, lists[j->o->opt_level > 3 ? 3 : j->o->opt_level], j->tm, options);
+    LLVMErrorRef err = ll->RunPasses(u->mod, lists[u->opt_level > 3 ? 3 : u->opt_level], u->tm, options);
     ll->DisposePassBuilderOptions(options);
     if (err) {
         char *text = ll->GetErrorMessage(err);
-        fail(j, SLT_INTERNAL, text);
+        fail(u, SLT_INTERNAL, text);
         ll->DisposeErrorMessage(text);
         return false;
     }
@@ -88,62 +64,70 @@ static uint32_t count_instructions(const LlvmApi *ll, LLVMValueRef f) {
     return n;
 }
 
-static void keep_bytes(Job *j, const void *bytes, size_t size) {
-    j->out->bytes = malloc(size ? size : 1);
-    if (!j->out->bytes) {
-        fail(j, SLT_LIMIT, "out of memory");
+static void keep_bytes(CodeUnit *u, const void *bytes, size_t size) {
+    u->bytes = malloc(size ? size : 1);
+    if (!u->bytes) {
+        fail(u, SLT_LIMIT, "out of memory");
         return;
     }
-    memcpy(j->out->bytes, bytes, size);
-    j->out->size = size;
+    memcpy(u->bytes, bytes, size);
+    u->size = size;
 }
 
-static void write_module(Job *j) {
-    const LlvmApi *ll = &j->api;
+static void write_module(CodeUnit *u) {
+    const LlvmApi *ll = u->ll;
     char *text = NULL;
-    if (j->kind == 'l') {
-        text = ll->PrintModuleToString(j->mod);
-        keep_bytes(j, text, strlen(text));
+    if (u->kind == 'l') {
+        text = ll->PrintModuleToString(u->mod);
+        keep_bytes(u, text, strlen(text));
         ll->DisposeMessage(text);
         return;
     }
     LLVMMemoryBufferRef buffer = NULL;
-    const bool text_wanted = j->kind == 's' || j->kind == 'a';
-    if (j->kind == 'a') ll->SetTargetMachineAsmVerbosity(j->tm, true);
-    if (ll->TargetMachineEmitToMemoryBuffer(j->tm, j->mod, text_wanted ? LLVMAssemblyFile : LLVMObjectFile, &text,
+    const bool text_wanted = u->kind == 's' || u->kind == 'a';
+    if (u->kind == 'a') ll->SetTargetMachineAsmVerbosity(u->tm, true);
+    if (ll->TargetMachineEmitToMemoryBuffer(u->tm, u->mod, text_wanted ? LLVMAssemblyFile : LLVMObjectFile, &text,
                                             &buffer)) {
-        fail(j, SLT_INTERNAL, text ? text : "LLVM could not emit the module");
+        fail(u, SLT_INTERNAL, text ? text : "LLVM could not emit the module");
         ll->DisposeMessage(text);
         return;
     }
-    keep_bytes(j, ll->GetBufferStart(buffer), ll->GetBufferSize(buffer));
+    keep_bytes(u, ll->GetBufferStart(buffer), ll->GetBufferSize(buffer));
     ll->DisposeMemoryBuffer(buffer);
 }
 
 /* The name of a part: an internal function. */
-static const char *part_name(Job *j, const char *name, uint32_t part) {
-    return arena_printf(&j->session->session, "%s.part%u", name, part);
+static const char *part_name(CodeUnit *u, const char *name, uint32_t part) {
+    return arena_printf(&u->session->session, "%s.part%u", name, part);
+}
+
+static const char *emit_function(CodeUnit *u, const KernelRequest *k, uint32_t kernel, uint32_t width) {
+    const char *why = back_emit_kernel(u->ll, u->ctx, u->mod, k, u->o, width);
+    if (!why) u->functions[u->nfunctions++] = (struct UnitFunction){u->ll->GetNamedFunction(u->mod, k->name), kernel};
+    return why;
 }
 
 /* A kernel over many sites is one function a part, and one that switches on the uniform site number: LLVM's time stays
  * linear. */
-static const char *emit_in_parts(Job *j, const KernelRequest *k, uint32_t width) {
-    const LlvmApi *ll = &j->api;
-    uint32_t part = 0;
+static const char *emit_in_parts(CodeUnit *u, uint32_t kernel, uint32_t width) {
+    const LlvmApi *ll = u->ll;
+    const KernelRequest *k = &u->k[kernel];
+    uint32_t part = 0, first = u->nfunctions;
     for (Fn *fn = k->fn; fn; fn = fn->next_part) {
-        KernelRequest one = {part_name(j, k->name, part++), fn};
-        const char *why = back_emit_kernel(ll, j->ctx, j->mod, &one, j->o, width);
+        KernelRequest one = {part_name(u, k->name, part++), fn};
+        const char *why = emit_function(u, &one, kernel, width);
         if (why) return why;
-        ll->SetLinkage(ll->GetNamedFunction(j->mod, one.name), LLVMInternalLinkage);
+        ll->SetLinkage(u->functions[u->nfunctions - 1].f, LLVMInternalLinkage);
     }
-    LLVMTypeRef i32 = ll->Int32TypeInContext(j->ctx), i64 = ll->Int64TypeInContext(j->ctx),
-                i8 = ll->Int8TypeInContext(j->ctx);
-    LLVMTypeRef types[2] = {ll->PointerTypeInContext(j->ctx, 0), i32};
-    LLVMTypeRef type = ll->FunctionType(ll->VoidTypeInContext(j->ctx), types, 2, false);
-    LLVMValueRef f = ll->AddFunction(j->mod, k->name, type);
-    LLVMBuilderRef b = ll->CreateBuilderInContext(j->ctx);
-    LLVMBasicBlockRef entry = ll->AppendBasicBlockInContext(j->ctx, f, "entry"),
-                      done = ll->AppendBasicBlockInContext(j->ctx, f, "done");
+    LLVMTypeRef i32 = ll->Int32TypeInContext(u->ctx), i64 = ll->Int64TypeInContext(u->ctx),
+                i8 = ll->Int8TypeInContext(u->ctx);
+    LLVMTypeRef types[2] = {ll->PointerTypeInContext(u->ctx, 0), i32};
+    LLVMTypeRef type = ll->FunctionType(ll->VoidTypeInContext(u->ctx), types, 2, false);
+    LLVMValueRef f = ll->AddFunction(u->mod, k->name, type);
+    u->functions[u->nfunctions++] = (struct UnitFunction){f, kernel};
+    LLVMBuilderRef b = ll->CreateBuilderInContext(u->ctx);
+    LLVMBasicBlockRef entry = ll->AppendBasicBlockInContext(u->ctx, f, "entry"),
+                      done = ll->AppendBasicBlockInContext(u->ctx, f, "done");
     ll->PositionBuilderAtEnd(b, done);
     ll->BuildRetVoid(b);
     ll->PositionBuilderAtEnd(b, entry);
@@ -153,9 +137,9 @@ static const char *emit_in_parts(Job *j, const KernelRequest *k, uint32_t width)
     LLVMValueRef pick = ll->BuildSwitch(b, site, done, k->fn->nsites);
     part = 0;
     for (Fn *fn = k->fn; fn; fn = fn->next_part) {
-        LLVMBasicBlockRef at = ll->AppendBasicBlockInContext(j->ctx, f, "part");
+        LLVMBasicBlockRef at = ll->AppendBasicBlockInContext(u->ctx, f, "part");
         ll->PositionBuilderAtEnd(b, at);
-        ll->BuildCall2(b, type, ll->GetNamedFunction(j->mod, part_name(j, k->name, part++)), args, 2, "");
+        ll->BuildCall2(b, type, u->functions[first + part++].f, args, 2, "");
         ll->BuildBr(b, done);
         for (uint32_t s = 0; s < fn->nsites; s++)
             if (fn->serves[s]) ll->AddCase(pick, ll->ConstInt(i32, s, false), at);
@@ -164,95 +148,56 @@ static const char *emit_in_parts(Job *j, const KernelRequest *k, uint32_t width)
     return NULL;
 }
 
-static void generate(Session *s, void *arg) {
-    Job *j = arg;
-    const LlvmApi *ll = &j->api;
-    double start = now_ms();
-    j->ctx = ll->ContextCreate();
-    j->mod = ll->ModuleCreateWithNameInContext("saltus", j->ctx);
-    if (!open_target(j)) return;
-    for (uint32_t k = 0; k < j->n; k++) {
+bool unit_init(CodeUnit *u, uint32_t n, uint32_t nfunctions) {
+    u->k = calloc(n + 1, sizeof *u->k);
+    u->width = calloc(n + 1, sizeof *u->width);
+    u->instructions = calloc(n + 1, sizeof *u->instructions);
+    u->functions = calloc(nfunctions + 1, sizeof *u->functions);
+    return u->k && u->width && u->instructions && u->functions;
+}
+
+void unit_emit(Session *s, CodeUnit *u) {
+    const LlvmApi *ll = u->ll;
+    u->session = s;
+    u->ctx = ll->ContextCreate();
+    u->mod = ll->ModuleCreateWithNameInContext("saltus", u->ctx);
+    if (!open_target(u)) return;
+    for (uint32_t k = 0; k < u->n; k++) {
         ArenaMark mark = arena_mark(&s->scratch);
-        uint32_t width = back_choose_width(j->k, k, j->o);
-        const char *why = j->k[k].fn->next_part ? emit_in_parts(j, &j->k[k], width)
-                                                : back_emit_kernel(ll, j->ctx, j->mod, &j->k[k], j->o, width);
-        if (why) fail(j, SLT_LIMIT, arena_printf(&s->session, "kernel %s: %s", j->k[k].name, why));
+        const char *why =
+            u->k[k].fn->next_part ? emit_in_parts(u, k, u->width[k]) : emit_function(u, &u->k[k], k, u->width[k]);
+        if (why) fail(u, SLT_LIMIT, arena_printf(&s->session, "kernel %s: %s", u->k[k].name, why));
         arena_reset(&s->scratch, mark);
         if (why) return;
     }
 #ifndef NDEBUG
     char *text = NULL;
-    if (ll->VerifyModule(j->mod, LLVMReturnStatusAction, &text)) {
-        fail(j, SLT_INTERNAL, text);
-        ll->DisposeMessage(text);
-        return;
-    }
+    if (ll->VerifyModule(u->mod, LLVMReturnStatusAction, &text)) fail(u, SLT_INTERNAL, text);
     ll->DisposeMessage(text);
 #endif
-    j->out->emit_ms = now_ms() - start;
-    start = now_ms();
-    if (!run_passes(j)) return;
-    j->out->instructions = ARENA_ARRAY(&s->session, uint32_t, j->n + 1);
-    for (uint32_t k = 0; k < j->n; k++) {
-        j->out->instructions[k] = count_instructions(ll, ll->GetNamedFunction(j->mod, j->k[k].name));
-        uint32_t part = 0;
-        for (Fn *fn = j->k[k].fn->next_part ? j->k[k].fn : NULL; fn; fn = fn->next_part)
-            j->out->instructions[k] +=
-                count_instructions(ll, ll->GetNamedFunction(j->mod, part_name(j, j->k[k].name, part++)));
-    }
-    write_module(j);
-    j->out->llvm_ms = now_ms() - start;
 }
 
-static void dispose(Job *j) {
+void unit_write(Session *s, CodeUnit *u) {
+    u->session = s;
+    if (!run_passes(u)) return;
+    for (uint32_t i = 0; i < u->nfunctions; i++)
+        u->instructions[u->functions[i].kernel] += count_instructions(u->ll, u->functions[i].f);
+    write_module(u);
+}
+
+void unit_dispose(CodeUnit *u) {
     if (guard_broken()) return; /* it may be locked for ever */
-    if (j->tm) j->api.DisposeTargetMachine(j->tm);
-    if (j->layout) j->api.DisposeTargetData(j->layout);
-    if (j->mod) j->api.DisposeModule(j->mod);
-    if (j->ctx) j->api.ContextDispose(j->ctx);
-    j->tm = NULL, j->layout = NULL, j->mod = NULL, j->ctx = NULL;
+    if (u->tm) u->ll->DisposeTargetMachine(u->tm);
+    if (u->layout) u->ll->DisposeTargetData(u->layout);
+    if (u->mod) u->ll->DisposeModule(u->mod);
+    if (u->ctx) u->ll->ContextDispose(u->ctx);
+    u->tm = NULL, u->layout = NULL, u->mod = NULL, u->ctx = NULL;
 }
 
-static void generate_guarded(Session *s, void *arg) {
-    Job *j = arg;
-    guard_begin(&j->api, s);
-    generate(s, j);
-    dispose(j);
-}
-
-int back_codegen(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, char kind, Codegen *out,
-                 const char **why) {
-    Job j = {.session = s, .k = k, .n = n, .o = o, .kind = kind, .out = out};
-    *out = (Codegen){0};
-    bool no_memory;
-    const char *missing = llvm_open(&j.api, &no_memory);
-    if (missing) {
-        *why = arena_printf(&s->session, "cannot load LLVM: %s", missing);
-        return no_memory ? SLT_LIMIT : SLT_INPUT;
-    }
-    int status = session_protect(s, generate_guarded, &j);
-    guard_end();
-    if (status && !j.status) {
-        j.status = status;
-        j.why = arena_printf(&s->session, "%s", s->unwind_text);
-    }
-    dispose(&j); /* what our own limits left */
-    if (j.status) {
-        free(out->bytes);
-        out->bytes = NULL;
-        *why = j.why;
-    }
-    return j.status;
-}
-
-int back_emit(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, char kind, unsigned char **bytes,
-              size_t *size, const char **why) {
-    *bytes = NULL, *size = 0;
-    int status = back_check_width(s, o->width, why);
-    if (status) return status;
-    Codegen g;
-    status = back_codegen(s, k, n, o, kind, &g, why);
-    if (status) return status;
-    *bytes = g.bytes, *size = g.size;
-    return SLT_OK;
+void unit_free(CodeUnit *u) {
+    free(u->k);
+    free(u->width);
+    free(u->instructions);
+    free(u->functions);
+    free(u->bytes);
 }

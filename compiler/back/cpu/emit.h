@@ -149,15 +149,53 @@ void emit_query(Emit *e, Inst *i);
 void emit_told(Emit *e, Inst *i);
 void emit_setup_told(Emit *e, const Inst *i); /* where the kernel begins, for the first of them */
 
-/* ---- codegen.c: LLVM module -> text, object or assembly. Kinds as for back_emit; errors in *why (scratch arena). */
-typedef struct Codegen {
-    unsigned char *bytes; /* malloc'd; NULL on error */
+/* ---- codegen.c: kernels that are one LLVM module, from IR to text, object or assembly. Kinds as for back_emit. */
+typedef struct CodeUnit {
+    const LlvmApi *ll;
+    KernelRequest *k; /* [n], as are `width`, in lanes, and `instructions`; not read after unit_emit, like o */
+    uint32_t n, *width;
+    const BackOptions *o;
+    unsigned opt_level;
+    char kind;
+    Session *session; /* whose protection is in force, and which has the text of an error */
+    LLVMContextRef ctx;
+    LLVMModuleRef mod;
+    LLVMTargetMachineRef tm;
+    LLVMTargetDataRef layout;
+    struct UnitFunction {
+        LLVMValueRef f;
+        uint32_t kernel;
+    } *functions; /* of kernels and their parts */
+    uint32_t nfunctions;
+    uint32_t *instructions; /* of LLVM, by kernel, after optimisation */
+    unsigned char *bytes;   /* malloc'd; NULL on error */
     size_t size;
+    int status;
+    const char *why;
+} CodeUnit;
+bool unit_init(CodeUnit *u, uint32_t n, uint32_t nfunctions);
+void unit_emit(Session *s, CodeUnit *u);  /* kernels to LLVM's IR; under guard_begin, as the next two */
+void unit_write(Session *s, CodeUnit *u); /* passes and bytes: reads nothing that the caller of back_compile owns */
+void unit_dispose(CodeUnit *u);           /* what LLVM holds */
+void unit_free(CodeUnit *u);              /* the rest */
+
+/* ---- units.c: kernels shared out to modules, which several threads compile */
+typedef struct CodeObject {
+    unsigned char *bytes; /* malloc'd */
+    size_t size;
+} CodeObject;
+typedef struct Codegen {
+    CodeObject *object; /* [n]; session arena, as the next is */
+    uint32_t n;
+    uint32_t *instructions; /* of LLVM, by kernel of the request, after optimisation */
     double emit_ms, llvm_ms;
-    uint32_t *instructions; /* scratch arena: LLVM instructions of each kernel after optimisation */
 } Codegen;
-int back_codegen(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, char kind, Codegen *out,
-                 const char **why);
+/* One unit where it is to be the `whole`, else as many as the kernels are worth, whatever the number of threads. An
+ * SltStatus, with a text in *why (session arena); `out` is to be freed after SLT_OK. Runs under session_protect, or
+ * where a spent budget may end the process. */
+int back_codegen(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, char kind, bool whole,
+                 Codegen *out, const char **why);
+void back_codegen_free(Codegen *g);
 
 /* ---- load.c: a small loader for ELF64 x86-64 relocatable objects */
 typedef struct Loaded Loaded;

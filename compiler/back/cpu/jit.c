@@ -8,8 +8,8 @@
 #include "saltus/status.h"
 
 struct CompiledModule {
-    Loaded *code;
-    uint32_t n, *widths;
+    Loaded **code; /* [nobjects] */
+    uint32_t nobjects, n, *widths;
     char (*names)[64];
     uint32_t *instructions;
     SltKernel **kernels;
@@ -33,38 +33,71 @@ static CompiledModule *new_module(const KernelRequest *k, uint32_t n, const Back
     return m;
 }
 
-/* The payload of a cache entry: one instruction count a kernel, padding to 8 bytes, the object. */
-static size_t object_offset(uint32_t n) { return ((size_t)n * 4 + 7) & ~(size_t)7; }
+/* The payload of a cache entry: one instruction count a kernel, how many objects there are, padding to 8 bytes, their
+ * sizes as 8 bytes each, the objects, each from a multiple of 8 bytes on. */
+static size_t round_up(size_t size) { return (size + 7) & ~(size_t)7; }
+static size_t sizes_offset(uint32_t n) { return round_up(((size_t)n + 1) * 4); }
 
-static bool adopt(CompiledModule *m, const unsigned char *payload, size_t size, const char **why) {
-    size_t at = object_offset(m->n);
-    if (size < at) {
+static bool load_objects(CompiledModule *m, const unsigned char *payload, size_t size, const char **why) {
+    uint32_t count;
+    size_t at = sizes_offset(m->n);
+    *why = "entry too short";
+    if (size < at) return false;
+    memcpy(&count, payload + (size_t)m->n * 4, sizeof count);
+    if (count > (size - at) / 8 || !(m->code = calloc((size_t)count + 1, sizeof(Loaded *)))) return false;
+    at += (size_t)count * 8;
+    for (; m->nobjects < count; m->nobjects++) {
+        uint64_t bytes;
+        memcpy(&bytes, payload + sizes_offset(m->n) + (size_t)m->nobjects * 8, sizeof bytes);
+        if (bytes > size - at) return false;
+        m->code[m->nobjects] = load_object(payload + at, bytes, why);
+        if (!m->code[m->nobjects]) return false;
+        at += bytes;
         *why = "entry too short";
-        return false;
-    }
-    memcpy(m->instructions, payload, m->n * sizeof(uint32_t));
-    m->code = load_object(payload + at, size - at, why);
-    if (!m->code) return false;
-    for (uint32_t j = 0; j < m->n; j++) {
-        void *f = load_symbol(m->code, m->names[j], NULL);
-        if (!f) {
-            *why = "kernel missing in the object";
-            load_free(m->code);
-            m->code = NULL;
-            return false;
-        }
-        memcpy(&m->kernels[j], &f, sizeof f);
+        if (m->nobjects + 1 < count && size < (at = round_up(at))) return false;
     }
     return true;
 }
 
+static void *find_symbol(const CompiledModule *m, const char *name, uint64_t *size) {
+    void *f = NULL;
+    for (uint32_t o = 0; o < m->nobjects && !f; o++) f = load_symbol(m->code[o], name, size);
+    return f;
+}
+
+static void forget_objects(CompiledModule *m) {
+    for (uint32_t o = 0; o < m->nobjects; o++) load_free(m->code[o]);
+    free(m->code);
+    m->code = NULL, m->nobjects = 0;
+}
+
+static bool adopt(CompiledModule *m, const unsigned char *payload, size_t size, const char **why) {
+    bool ok = load_objects(m, payload, size, why);
+    for (uint32_t j = 0; j < m->n && ok; j++) {
+        void *f = find_symbol(m, m->names[j], NULL);
+        if (!f) *why = "kernel missing in the object";
+        memcpy(&m->kernels[j], &f, sizeof f);
+        ok = f != NULL;
+    }
+    if (ok) memcpy(m->instructions, payload, m->n * sizeof(uint32_t));
+    else forget_objects(m);
+    return ok;
+}
+
 static unsigned char *make_payload(const Codegen *g, uint32_t n, size_t *size) {
-    size_t at = object_offset(n);
-    unsigned char *p = calloc(1, at + g->size);
+    size_t at = sizes_offset(n) + (size_t)g->n * 8;
+    *size = at;
+    for (uint32_t o = 0; o < g->n; o++) *size += round_up(g->object[o].size);
+    unsigned char *p = calloc(1, *size);
     if (!p) return NULL;
     memcpy(p, g->instructions, n * sizeof(uint32_t));
-    memcpy(p + at, g->bytes, g->size);
-    *size = at + g->size;
+    memcpy(p + (size_t)n * 4, &g->n, sizeof g->n);
+    for (uint32_t o = 0; o < g->n; o++) {
+        uint64_t bytes = g->object[o].size;
+        memcpy(p + sizes_offset(n) + (size_t)o * 8, &bytes, sizeof bytes);
+        memcpy(p + at, g->object[o].bytes, bytes);
+        at += round_up(bytes);
+    }
     return p;
 }
 
@@ -90,13 +123,13 @@ static int compile(Session *s, const KernelRequest *k, uint32_t n, const BackOpt
         if (m->cached) return SLT_OK;
     }
     Codegen g;
-    int status = back_codegen(s, k, n, o, 'o', &g, why);
+    int status = back_codegen(s, k, n, o, 'o', false, &g, why);
     if (status) return status;
     m->emit_ms = g.emit_ms;
     m->llvm_ms = g.llvm_ms;
     errno = 0;
     unsigned char *payload = make_payload(&g, n, &size);
-    free(g.bytes);
+    back_codegen_free(&g);
     if (!payload || !adopt(m, payload, size, &bad)) {
         bool no_memory = !payload || errno == ENOMEM, refused = errno == EACCES || errno == EPERM;
         free(payload);
@@ -154,11 +187,11 @@ uint32_t back_instructions(const CompiledModule *m, const char *name) {
 
 uint32_t back_machine_bytes(const CompiledModule *m, const char *name) {
     uint64_t size = 0, sum = 0;
-    if (load_symbol(m->code, name, &size)) sum = size;
+    if (find_symbol(m, name, &size)) sum = size;
     for (uint32_t part = 0;; part++) {
         char text[96];
         snprintf(text, sizeof text, "%s.part%u", name, part);
-        if (!load_symbol(m->code, text, &size)) return (uint32_t)sum;
+        if (!find_symbol(m, text, &size)) return (uint32_t)sum;
         sum += size;
     }
 }
@@ -171,7 +204,7 @@ void back_times(const CompiledModule *m, double *emit_ms, double *llvm_ms, bool 
 
 void back_free(CompiledModule *m) {
     if (!m) return;
-    load_free(m->code);
+    forget_objects(m);
     free(m->names);
     free(m->widths);
     free(m->instructions);

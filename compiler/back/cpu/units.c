@@ -1,0 +1,307 @@
+/* Kernels shared out to LLVM modules, and modules to threads.
+ *
+ * LLVM compiles what lies in different contexts at the same time. A kernel is the same code in whatever module it lies,
+ * and which module that is follows from the kernels alone: so the bytes are the same for any number of threads. IR is
+ * emitted on the caller's thread, since that allocates in its session; passes and machine code, which take twenty times
+ * as long, need no session but for what guard.c jumps out to, and each thread has one of its own.
+ *
+ * LLVM may give up on one thread and leave something locked that another then waits for, for ever. So the caller's
+ * thread only waits for the others, and leaves those behind that do not end once LLVM is broken: with all they use,
+ * which is on the heap for that reason. */
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "compiler/back/cpu/emit.h"
+#include "saltus/status.h"
+
+enum { MAX_UNITS = 32, MAX_THREADS = 32 };
+/* A module costs about as much as 40 vector instructions, the frame of a kernel half of that, so that smaller kernels
+ * share one. */
+enum { KERNEL_COST = 30, UNIT_COST = 240 };
+/* As much as a main thread usually has: LLVM recurses. */
+enum { STACK_BYTES = 8 << 20 };
+enum { LEFT_BEHIND_S = 2 }; /* what the others have to end in when LLVM is broken */
+
+typedef struct Team {
+    LlvmApi api;
+    CodeUnit unit[MAX_UNITS];
+    Session *own[MAX_UNITS]; /* of the thread that wrote a unit: has its error; NULL: the caller's */
+    uint32_t n, next, running;
+    pthread_mutex_t lock;
+    pthread_cond_t ended;
+} Team;
+
+static double now_ms(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
+}
+
+/* ---- which kernel goes where */
+static uint32_t count_insts(const Block *b) {
+    uint32_t n = 0;
+    for (const Inst *i = b->first; i; i = i->next) {
+        n++;
+        for (uint32_t r = 0; r < i->nregions; r++) n += count_insts(i->region[r]);
+    }
+    return n;
+}
+
+static uint32_t count_functions(const KernelRequest *k) {
+    uint32_t n = 1;
+    for (const Fn *fn = k->fn->next_part ? k->fn : NULL; fn; fn = fn->next_part) n++;
+    return n;
+}
+
+static uint64_t kernel_cost(const KernelRequest *k, uint32_t width, const Target *t) {
+    uint64_t insts = 0, lanes = back_register_lanes(t, k->fn->precision);
+    for (const Fn *fn = k->fn; fn; fn = fn->next_part) insts += count_insts(fn->body);
+    return KERNEL_COST + insts * (width > lanes ? width / lanes : 1);
+}
+
+typedef struct Shares {
+    uint64_t *cost; /* by kernel; then 0 where it has a unit */
+    uint32_t *of;   /* by kernel: its unit */
+    bool *plain;    /* likewise: at level 0 */
+    uint32_t n, units;
+    uint64_t load[MAX_UNITS];
+} Shares;
+
+/* Those of one level: the costly ones first, each to the unit that has least so far. More units than it takes to have
+ * the largest kernel alone would end no sooner. */
+static void share_level(Shares *s, bool plain) {
+    uint64_t total = 0, largest = UNIT_COST;
+    uint32_t first = s->units, count = 0;
+    for (uint32_t j = 0; j < s->n; j++) {
+        if (s->plain[j] != plain) continue;
+        total += s->cost[j], count++;
+        if (s->cost[j] > largest) largest = s->cost[j];
+    }
+    uint64_t wanted = (total + largest - 1) / largest;
+    s->units += wanted > MAX_UNITS / 2 ? MAX_UNITS / 2 : (uint32_t)wanted;
+    for (; count; count--) {
+        uint32_t most = s->n, least = first;
+        for (uint32_t j = 0; j < s->n; j++)
+            if (s->plain[j] == plain && s->cost[j] && (most == s->n || s->cost[j] > s->cost[most])) most = j;
+        for (uint32_t u = first; u < s->units; u++)
+            if (s->load[u] < s->load[least]) least = u;
+        s->load[least] += s->cost[most], s->of[most] = least, s->cost[most] = 0;
+    }
+}
+
+static void share_out(Shares *s, const KernelRequest *k, const uint32_t *width, uint32_t n, const BackOptions *o,
+                      bool whole, Arena *arena) {
+    *s = (Shares){.cost = ARENA_ARRAY(arena, uint64_t, n + 1),
+                  .of = ARENA_ARRAY(arena, uint32_t, n + 1),
+                  .plain = ARENA_ARRAY(arena, bool, n + 1),
+                  .n = n};
+    for (uint32_t j = 0; j < n; j++) {
+        s->cost[j] = kernel_cost(&k[j], width[j], &o->target);
+        s->plain[j] = j < 64 && o->plain >> j & 1 && o->opt_level;
+    }
+    if (!whole) share_level(s, true), share_level(s, false);
+    if (!s->units) s->units = 1; /* all */
+}
+
+/* ---- one unit */
+static void emit_guarded(Session *s, void *arg) {
+    Team *t = arg;
+    guard_begin(&t->api, s);
+    for (uint32_t u = 0; u < t->n; u++) {
+        unit_emit(s, &t->unit[u]);
+        if (t->unit[u].status) return;
+    }
+}
+
+static void write_guarded(Session *s, void *arg) {
+    CodeUnit *u = arg;
+    guard_begin(u->ll, s);
+    unit_write(s, u);
+    unit_dispose(u);
+}
+
+static void write_unit(Session *s, CodeUnit *u) {
+    if (!s || guard_broken()) {
+        u->status = SLT_LIMIT, u->why = "out of memory while LLVM compiled";
+        return;
+    }
+    int status = session_protect(s, write_guarded, u);
+    guard_end();
+    if (status && !u->status) u->status = status, u->why = s->unwind_text;
+}
+
+/* ---- all of them */
+static CodeUnit *next_unit(Team *t) { return t->next < t->n ? &t->unit[t->next++] : NULL; }
+
+static void *run(void *arg) {
+    Team *t = arg;
+    pthread_mutex_lock(&t->lock);
+    for (CodeUnit *u; (u = next_unit(t));) {
+        pthread_mutex_unlock(&t->lock);
+        Session *own = t->own[u - t->unit] = session_create(0);
+        write_unit(own, u);
+        pthread_mutex_lock(&t->lock);
+    }
+    t->running--;
+    pthread_cond_signal(&t->ended);
+    pthread_mutex_unlock(&t->lock);
+    return NULL;
+}
+
+static uint32_t count_threads(uint32_t wanted, uint32_t units) {
+    long cores = wanted ? (long)wanted : sysconf(_SC_NPROCESSORS_ONLN);
+    uint32_t n = cores < 1 ? 1 : cores > MAX_THREADS ? MAX_THREADS : (uint32_t)cores;
+    return n < units ? n : units;
+}
+
+/* False: threads that may never end are left behind, and use the team. */
+static bool wait_for_all(Team *t) {
+    struct timespec until;
+    double broken_at = 0;
+    pthread_mutex_lock(&t->lock);
+    while (t->running) {
+        clock_gettime(CLOCK_REALTIME, &until);
+        until.tv_nsec += 50000000;
+        if (until.tv_nsec >= 1000000000) until.tv_nsec -= 1000000000, until.tv_sec++;
+        pthread_cond_timedwait(&t->ended, &t->lock, &until);
+        if (!guard_broken()) continue;
+        if (!broken_at) broken_at = now_ms();
+        if (now_ms() - broken_at > 1e3 * LEFT_BEHIND_S) break;
+    }
+    bool all = !t->running;
+    pthread_mutex_unlock(&t->lock);
+    return all;
+}
+
+static bool write_all(Session *s, Team *t, uint32_t threads) {
+    pthread_t thread[MAX_THREADS];
+    pthread_attr_t attr;
+    uint32_t started = 0;
+    if (threads > 1 && !pthread_attr_init(&attr)) {
+        pthread_attr_setstacksize(&attr, STACK_BYTES);
+        pthread_mutex_lock(&t->lock);
+        while (started < threads && !pthread_create(&thread[started], &attr, run, t)) started++;
+        t->running = started;
+        pthread_mutex_unlock(&t->lock);
+        pthread_attr_destroy(&attr);
+    }
+    if (!started)
+        for (CodeUnit *u; (u = next_unit(t));) write_unit(s, u);
+    bool all = wait_for_all(t);
+    for (uint32_t i = 0; i < started; i++)
+        if (all) pthread_join(thread[i], NULL);
+        else pthread_detach(thread[i]);
+    return all;
+}
+
+static void free_team(Team *t) {
+    for (uint32_t u = 0; u < t->n; u++) {
+        unit_dispose(&t->unit[u]); /* what our own limits left */
+        unit_free(&t->unit[u]);
+        session_destroy(t->own[u]);
+    }
+    pthread_cond_destroy(&t->ended);
+    pthread_mutex_destroy(&t->lock);
+    free(t);
+}
+
+static bool make_units(Team *t, const KernelRequest *k, const uint32_t *width, const Shares *s, const BackOptions *o,
+                       char kind, bool whole) {
+    bool ok = true;
+    for (uint32_t u = 0; u < t->n; u++) {
+        CodeUnit *unit = &t->unit[u];
+        uint32_t count = 0, functions = 0;
+        for (uint32_t j = 0; j < s->n; j++)
+            if (s->of[j] == u) count++, functions += count_functions(&k[j]);
+        *unit = (CodeUnit){.ll = &t->api, .o = o, .opt_level = o->opt_level, .kind = kind};
+        if (!unit_init(unit, count, functions)) {
+            ok = false;
+            continue;
+        }
+        for (uint32_t j = 0; j < s->n; j++) {
+            if (s->of[j] != u) continue;
+            if (!whole && s->plain[j]) unit->opt_level = 0;
+            unit->width[unit->n] = width[j], unit->k[unit->n++] = k[j];
+        }
+    }
+    return ok;
+}
+
+static int give(Session *s, Team *t, const uint32_t *unit_of, uint32_t n, Codegen *out, const char **why) {
+    for (uint32_t u = 0; u < t->n; u++) {
+        CodeUnit *unit = &t->unit[u];
+        if (!unit->status) continue;
+        *why = arena_printf(&s->session, "%s", unit->why);
+        return unit->status;
+    }
+    uint32_t at[MAX_UNITS] = {0};
+    out->n = t->n;
+    for (uint32_t j = 0; j < n; j++) out->instructions[j] = t->unit[unit_of[j]].instructions[at[unit_of[j]]++];
+    for (uint32_t u = 0; u < t->n; u++) {
+        out->object[u] = (CodeObject){t->unit[u].bytes, t->unit[u].size};
+        t->unit[u].bytes = NULL;
+    }
+    return SLT_OK;
+}
+
+int back_codegen(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, char kind, bool whole,
+                 Codegen *out, const char **why) {
+    *out = (Codegen){.object = ARENA_ARRAY(&s->session, CodeObject, MAX_UNITS),
+                     .instructions = ARENA_ARRAY(&s->session, uint32_t, n + 1)};
+    uint32_t *width = ARENA_ARRAY(&s->session, uint32_t, n + 1);
+    for (uint32_t j = 0; j < n; j++) width[j] = back_choose_width(k, j, o);
+    Shares shares;
+    share_out(&shares, k, width, n, o, whole, &s->session);
+    Team *t = calloc(1, sizeof *t);
+    if (!t) {
+        *why = "out of memory";
+        return SLT_LIMIT;
+    }
+    pthread_mutex_init(&t->lock, NULL);
+    pthread_cond_init(&t->ended, NULL);
+    t->n = shares.units;
+    bool no_memory;
+    const char *missing = llvm_open(&t->api, &no_memory);
+    int status = missing ? (no_memory ? SLT_LIMIT : SLT_INPUT) : SLT_OK;
+    if (missing) *why = arena_printf(&s->session, "cannot load LLVM: %s", missing);
+    if (!status && !make_units(t, k, width, &shares, o, kind, whole)) status = SLT_LIMIT, *why = "out of memory";
+    double start = now_ms();
+    if (!status) {
+        status = session_protect(s, emit_guarded, t);
+        guard_end();
+        if (status) *why = arena_printf(&s->session, "%s", s->unwind_text);
+    }
+    out->emit_ms = now_ms() - start;
+    start = now_ms();
+    bool all = true, emitted = !status;
+    for (uint32_t u = 0; u < t->n; u++) emitted &= !t->unit[u].status;
+    if (emitted) all = write_all(s, t, count_threads(o->threads, t->n));
+    out->llvm_ms = now_ms() - start;
+    if (!all) {
+        *why = "out of memory while LLVM compiled";
+        return SLT_LIMIT;
+    }
+    if (!status) status = give(s, t, shares.of, n, out, why);
+    free_team(t);
+    return status;
+}
+
+void back_codegen_free(Codegen *g) {
+    for (uint32_t u = 0; u < g->n; u++) free(g->object[u].bytes);
+    g->n = 0;
+}
+
+int back_emit(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, char kind, unsigned char **bytes,
+              size_t *size, const char **why) {
+    *bytes = NULL, *size = 0;
+    int status = back_check_width(s, o->width, why);
+    if (status) return status;
+    Codegen g;
+    status = back_codegen(s, k, n, o, kind, true, &g, why);
+    if (status) return status;
+    *bytes = g.object[0].bytes, *size = g.object[0].size;
+    return SLT_OK;
+}
