@@ -123,6 +123,7 @@ struct Cli {
     double max_seconds, tolerance;
     /* explain */
     const char *at, *cells;
+    bool cost;
     /* bound */
     const char *box;
     bool samples_given, iters_given, optimizer_given, estimator_given; /* the option was there */

@@ -158,6 +158,10 @@ static void print_left_out(const Explained *m) {
 }
 
 static void print_program(const Explained *m) {
+    if (m->cost) {
+        explain_print_cost(m->cost);
+        return;
+    }
     printf("%s: %uD, %u channel%s, %u float and %u integer parameter components\n", m->entry, m->dim, m->channels,
            m->channels == 1 ? "" : "s", m->nfloats, m->nints);
     puts(m->display ? "colours: for a screen; what is PNG is written and read as it is\n"
@@ -278,7 +282,9 @@ static void json_program(const Explained *m, SltProgram *p) {
     printf("], \"events_bound\": %llu, \"near_miss\": %s, \"kernels\": {", (unsigned long long)m->events_bound,
            m->near_miss ? "true" : "false");
     json_kernels(m);
-    fputs("}, \"no_gradient\": {", stdout);
+    fputs("}, ", stdout);
+    if (m->cost) explain_json_cost(m->cost);
+    fputs("\"no_gradient\": {", stdout);
     bool first = true;
     for (uint32_t i = 0; i < m->nno_gradient; i++) json_pair(&first, m->no_gradient[i].param, m->no_gradient[i].why);
     fputs("}, ", stdout);
@@ -421,6 +427,11 @@ static void explain(Session *s, void *user) {
 }
 
 int verb_explain(Cli *c) {
+    if (c->cost && (is_code(c->file) || c->at || c->cells))
+        return cli_usage(c, "--cost is of a program's kernels: leave out %s",
+                         c->at      ? "--at"
+                         : c->cells ? "--cells"
+                                    : c->file);
     if (is_code(c->file)) return explain_code(c);
     SltProgram *p;
     int status = cli_compile(c, &p);

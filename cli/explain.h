@@ -6,6 +6,7 @@
 
 #include "bindings/c/api.h"
 #include "cli/cli.h"
+#include "compiler/back/cost.h"
 #include "runtime/mesh/mesh.h"
 
 typedef struct ExplainedSite {
@@ -73,6 +74,34 @@ typedef struct ExplainedBounds {
     uint32_t boxes, settled, open, unknown;
 } ExplainedBounds;
 
+/* What a compiled kernel costs. */
+typedef struct ExplainedKernelCost {
+    bool compiled;
+    uint32_t lanes, ops, instructions, machine_bytes; /* instructions: of LLVM */
+    const char *width_key, *width_text;               /* why it has these lanes, as a word and as a sentence */
+    uint64_t tape_bytes;                              /* a lane */
+    const char *tape;                                 /* as ExplainedKernel.tape */
+    KernelCost estimate;
+    Listing listing;
+} ExplainedKernelCost;
+
+/* A line of the source in the kernels that run for samples. */
+typedef struct DearLine {
+    int32_t file; /* of the session */
+    uint32_t line;
+    const char *path;
+    double share;                /* of what all of them cost */
+    const CostLine *in[K_KINDS]; /* NULL: not in that kernel */
+    int dearest;                 /* the kernel where it costs a sample most */
+} DearLine;
+
+typedef struct ExplainedCost {
+    const char *target;
+    ExplainedKernelCost kernels[K_KINDS];
+    DearLine *lines;
+    uint32_t nlines;
+} ExplainedCost;
+
 typedef struct Explained {
     const char *entry;
     bool display; /* slt_is_display */
@@ -89,6 +118,7 @@ typedef struct Explained {
     uint32_t nmeshes, nderived;
     uint32_t nsites, nno_gradient, nno_structure, ngeometries;
     ExplainedBounds bounds;
+    ExplainedCost *cost; /* NULL: nobody asked */
 } Explained;
 
 /* The story of one point. */
@@ -115,6 +145,10 @@ SltStatus explain_bounds(SltProgram *p, ExplainedBounds *out, SltError *err);
 SltStatus explain_meshes(const SltProgram *p, Arena *arena, Explained *out, SltError *err);
 void explain_print_meshes(const Explained *m);
 void explain_json_meshes(const Explained *m);
+/* explain_cost.c: of a program whose kernels are compiled; compiles each once more, to look at its machine code. */
+SltStatus explain_cost(SltProgram *p, ExplainedCost *out, SltError *err);
+void explain_print_cost(const ExplainedCost *m);
+void explain_json_cost(const ExplainedCost *m);
 /* explain_cells.c: writes the picture c->cells. */
 SltStatus explain_cells(const Cli *c, SltProgram *p, SltError *err);
 SltStatus explain_point(SltProgram *p, const double x[3], ExplainedPoint *out, SltError *err);

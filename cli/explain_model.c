@@ -243,6 +243,11 @@ SltStatus explain_program(const Cli *c, SltProgram *p, Explained *out, SltError 
     explain_params(&e, out);
     status = explain_meshes(p, arena, out, err);
     if (status != SLT_OK) return status;
+    if (c->cost) {
+        out->cost = ARENA_NEW(arena, ExplainedCost);
+        status = explain_cost(p, out->cost, err);
+        if (status != SLT_OK) return status;
+    }
     return explain_bounds(p, &out->bounds, err);
 }
 

@@ -53,10 +53,11 @@ struct SltProgram {
     CompiledModule *modules[16];
     uint32_t nmodules;
     CompiledModule *module_of[K_KINDS];
-    SltKernel **cull_kernels; /* by [Cull] loop */
-    uint32_t nlists;          /* loops with lists, [Cull] loops first */
-    uint32_t *list_counts;    /* [SLT_MAX_CULL]: iterations of each */
-    uint8_t *list_noted;      /* [SLT_MAX_CULL]: 1 where `bounds` notes which can matter */
+    uint8_t compiled_few[K_KINDS], compiled_level[K_KINDS]; /* of BackOptions; 0 where it is plain */
+    SltKernel **cull_kernels;                               /* by [Cull] loop */
+    uint32_t nlists;                                        /* loops with lists, [Cull] loops first */
+    uint32_t *list_counts;                                  /* [SLT_MAX_CULL]: iterations of each */
+    uint8_t *list_noted; /* [SLT_MAX_CULL]: 1 where `bounds` notes which can matter */
     uint8_t *site_kind, *site_static, *site_skips, *site_ties; /* by site: see SltScene */
     SltTwins *twins;                                           /* [ntwins] */
     uint32_t ntwins;
@@ -190,9 +191,10 @@ AssetProbe api_probe_asset;
 OpenLength api_open_length; /* of opt.lengths */
 
 /* ---- kernels.c: facts of the program */
-uint64_t api_event_bound(const SltProgram *p);   /* the most events that one sample may meet */
-bool api_too_many_sites(const SltProgram *p);    /* written out, to compile what looks for boundaries */
-uint32_t api_adjoint_lanes(const SltProgram *p); /* SltScene.adj_lanes */
+uint64_t api_event_bound(const SltProgram *p);                /* the most events that one sample may meet */
+bool api_too_many_sites(const SltProgram *p);                 /* written out, to compile what looks for boundaries */
+uint32_t api_adjoint_lanes(const SltProgram *p);              /* SltScene.adj_lanes */
+BackOptions api_compiled_with(const SltProgram *p, int kind); /* of a kernel that was compiled, as if alone */
 BackPixels api_pixels(const SltProgram *p); /* what its value kernel writes: 8-bit pixels for a screen, or floats */
 bool api_near_miss(const SltProgram *p);    /* do its kernels note the nearest event, for the near-miss probe? */
 

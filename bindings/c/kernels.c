@@ -206,19 +206,27 @@ static void finish_bounds(SltProgram *p, Fn *bounds) {
     api_geometries_want(p, bounds);
 }
 
+static BackOptions back_options(const SltProgram *p, uint64_t few, uint64_t plain, unsigned opt_level) {
+    return (BackOptions){.target = p->target,
+                         .width = p->opt.width,
+                         .few = few,
+                         .plain = plain,
+                         .adj = api_adjoint_lanes(p) == 1 ? ADJ_FLAT : ADJ_LANES,
+                         .no_cache = p->opt.no_cache,
+                         .opt_level = opt_level,
+                         .pixels = api_pixels(p),
+                         .threads = p->threads};
+}
+
+BackOptions api_compiled_with(const SltProgram *p, int kind) {
+    return back_options(p, p->compiled_few[kind], 0, p->compiled_level[kind]);
+}
+
 /* One module of n kernels; NULL: none, and the request says why. few, plain: see BackOptions. */
 static CompiledModule *compile(Session *s, Request *q, const KernelRequest *req, uint32_t n, uint64_t few,
                                uint64_t plain, unsigned opt_level) {
     SltProgram *p = q->p;
-    BackOptions bo = {.target = p->target,
-                      .width = p->opt.width,
-                      .few = few,
-                      .plain = plain,
-                      .adj = api_adjoint_lanes(p) == 1 ? ADJ_FLAT : ADJ_LANES,
-                      .no_cache = p->opt.no_cache,
-                      .opt_level = opt_level,
-                      .pixels = api_pixels(p),
-                      .threads = p->threads};
+    BackOptions bo = back_options(p, few, plain, opt_level);
     CompiledModule *m = NULL;
     const char *why = NULL;
     double start = now_ms(), emit, llvm;
@@ -291,10 +299,12 @@ static void build_body(Session *s, void *arg) {
         if (k == K_VJP) p->scene.rigid = !adds_adjoints(set.fn[k]->body);
         if (set.tape[k].bytes_per_lane > p->scene.tape_bytes) p->scene.tape_bytes = set.tape[k].bytes_per_lane;
         p->scene.tape_grows |= set.tape[k].grows;
+        p->compiled_few[k] = !is_long(&set, k) && takes_few(p, k);
+        p->compiled_level[k] = is_long(&set, k) ? 0 : (uint8_t)level;
         if (p->opt.interpret) p->scene.kernel[k] = interpreted;
         else {
+            few |= (uint64_t)p->compiled_few[k] << n;
             plain |= (uint64_t)is_long(&set, k) << n;
-            if (!is_long(&set, k)) few |= (uint64_t)takes_few(p, k) << n;
             req[n++] = (KernelRequest){kernel_names[k], set.fn[k]};
         }
     }

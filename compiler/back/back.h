@@ -48,6 +48,26 @@ typedef struct KernelRequest {
     Fn *fn;
 } KernelRequest;
 
+/* Why a kernel has the lanes that it has. */
+typedef enum WidthWhy {
+    WIDTH_GIVEN,      /* BackOptions.width says so */
+    WIDTH_FEW,        /* BackOptions.few: a call has few samples */
+    WIDTH_MOST_CODE,  /* it has `found` operations, above `limit` */
+    WIDTH_MUCH_CODE,  /* likewise */
+    WIDTH_STRAIGHT,   /* it has no loop */
+    WIDTH_NEIGHBOURS, /* it compares neighbouring lanes */
+    WIDTH_LONG_LOOP,  /* a loop of `found` operations, above `limit` */
+    WIDTH_MUCH_KEPT,  /* a loop that keeps `found` values, above `limit`, from iteration to iteration */
+    WIDTH_SHORT_LOOP  /* no such loop, and there is one: all of them keep `found` values at most, up to `limit` */
+} WidthWhy;
+typedef struct WidthChoice {
+    uint32_t lanes, vectors; /* vectors a value; 0 of a given width */
+    WidthWhy why;
+    uint32_t found, limit;
+} WidthChoice;
+/* Of kernel j: its lanes, and why it has them. */
+WidthChoice back_width_choice(const KernelRequest *k, uint32_t j, const BackOptions *o);
+
 /* dense[nfloats]: sets 1 for each element of the float vector whose adjoint a reverse kernel (all its parts) adds in
  * place; the adjoints of those read only at varying indices go to the log. Are there any? */
 bool back_dense_adjoints(Fn *fn, uint8_t *dense);
@@ -61,12 +81,13 @@ uint32_t back_adjoint_lanes(const BackOptions *o, Precision p);
 int back_compile(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, CompiledModule **out,
                  const char **why);
 SltKernel *back_kernel(const CompiledModule *m, const char *name);
-uint32_t back_width(const CompiledModule *m, const char *name);        /* of a kernel, in lanes; 0: there is none */
-uint32_t back_instructions(const CompiledModule *m, const char *name); /* of LLVM IR, after optimisation */
-uint32_t back_machine_bytes(const CompiledModule *m, const char *name);
+uint32_t back_width(const CompiledModule *m, const char *name);         /* of a kernel, in lanes; 0: there is none */
+uint32_t back_instructions(const CompiledModule *m, const char *name);  /* of LLVM IR, after optimisation */
+uint32_t back_machine_bytes(const CompiledModule *m, const char *name); /* of all its parts */
 void back_times(const CompiledModule *m, double *emit_ms, double *llvm_ms, bool *cached);
 void back_free(CompiledModule *m);
-/* Ahead of time, the bytes of a file: kind 'o' object, 's' assembly, 'l' LLVM IR text. They are malloc'd. Returns an
+/* Ahead of time, the bytes of a file: kind 'o' object, 's' assembly, 'a' assembly in which LLVM notes what it spills,
+ * 'l' LLVM IR text. They are malloc'd. Returns an
  * SltStatus. */
 int back_emit(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, char kind, unsigned char **bytes,
               size_t *size, const char **why);

@@ -365,13 +365,20 @@ static void test_choose_width(void **state) {
         assert_int_equal(back_choose_width(&few, 0, &o), 2 * targets[i].lanes);
         assert_int_equal(back_choose_width(&many, 0, &o), targets[i].lanes);
         assert_int_equal(back_choose_width(&loop, 0, &o), 4 * targets[i].lanes);
+        assert_int_equal(back_width_choice(&few, 0, &o).why, WIDTH_STRAIGHT);
+        WidthChoice c = back_width_choice(&many, 0, &o);
+        assert_true(c.why == WIDTH_MOST_CODE && c.vectors == 1 && c.found > 4400 && c.limit == 4096);
+        c = back_width_choice(&loop, 0, &o); /* it keeps the product and x */
+        assert_true(c.why == WIDTH_SHORT_LOOP && c.vectors == 4 && c.found == 2 && c.limit == (i == 2 ? 7 : 3));
         assert_int_equal(back_adjoint_lanes(&o, PREC_F32), 16);
         assert_int_equal(back_adjoint_lanes(&o, PREC_F64), 8);
     }
     o.few = 2;
     assert_int_equal(back_choose_width(two, 0, &o), 32);
     assert_int_equal(back_choose_width(two, 1, &o), 16);
+    assert_int_equal(back_width_choice(two, 1, &o).why, WIDTH_FEW);
     o.width = 4;
+    assert_int_equal(back_width_choice(two, 1, &o).why, WIDTH_GIVEN);
     assert_int_equal(back_choose_width(two, 1, &o), 4);
     assert_int_equal(back_adjoint_lanes(&o, PREC_F32), 4);
     o.adj = ADJ_FLAT;

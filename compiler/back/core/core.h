@@ -67,6 +67,14 @@ uint32_t back_choose_width(const KernelRequest *k, uint32_t j, const BackOptions
 bool back_is_vector(const Plan *plan, const Inst *i);
 uint32_t back_value_parts(const Plan *plan, const Inst *i); /* P or 1 */
 
+/* Of a vector, in vector instructions. */
+enum {
+    BACK_GATHER_COST = 8,       /* a read whose lanes may want different places */
+    BACK_LIBRARY_FMA_COST = 100 /* a fused product without hardware for it */
+};
+
+bool back_lacks_rounding(const Target *t); /* to floor, ceil, trunc, round takes several instructions */
+
 /* How an if_ is run. */
 typedef enum IfForm {
     IF_PICK,      /* the condition is uniform, the regions cheap: both run, a scalar condition selects */

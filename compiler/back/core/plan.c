@@ -1,5 +1,7 @@
 /* Lanes, parts and regions: how wide a kernel runs, how a varying value is cut into registers, and how each if_ and
  * loop is run by lanes of which some may not want it. */
+#include <string.h>
+
 #include "compiler/back/core/core.h"
 
 #include "saltus/status.h"
@@ -75,7 +77,7 @@ static void look_at_loops(Fn *fn, const Block *b, Loops *out) {
  * other, four do, up to 1.9 times faster again, as long as registers hold what they keep, and they are not so long that
  * the rest spills; nor of what compares neighbouring lanes, which takes masks through general registers. Compiling so
  * much code must not cost more than it gains. */
-static uint32_t vectors(Fn *fn, const Target *t) {
+static WidthChoice vectors(Fn *fn, const Target *t) {
     enum { LOOP = 160, SMALL = 600, LARGE = 4096 };
     const uint32_t registers = t->vector_bytes == 64 ? 32 : 16, spare = registers / 8;
     uint32_t most = 0;
@@ -83,8 +85,8 @@ static uint32_t vectors(Fn *fn, const Target *t) {
         uint32_t count = count_insts(part->body);
         most = count > most ? count : most;
     }
-    if (most > LARGE) return 1;
-    if (most > SMALL) return 2;
+    if (most > LARGE) return (WidthChoice){.vectors = 1, .why = WIDTH_MOST_CODE, .found = most, .limit = LARGE};
+    if (most > SMALL) return (WidthChoice){.vectors = 2, .why = WIDTH_MUCH_CODE, .found = most, .limit = SMALL};
     Loops loops = {0};
     bool pairs = false;
     for (Fn *part = fn; part; part = part->next_part) {
@@ -96,15 +98,28 @@ static uint32_t vectors(Fn *fn, const Target *t) {
         pairs |= uses_pairs(part->body);
         arena_reset(&fn->session->scratch, m);
     }
-    return !pairs && loops.longest && loops.longest <= LOOP && 4 * loops.kept + spare <= registers ? 4 : 2;
+    const uint32_t room = (registers - spare) / 4;
+    if (!loops.longest) return (WidthChoice){.vectors = 2, .why = WIDTH_STRAIGHT};
+    if (pairs) return (WidthChoice){.vectors = 2, .why = WIDTH_NEIGHBOURS};
+    if (loops.longest > LOOP)
+        return (WidthChoice){.vectors = 2, .why = WIDTH_LONG_LOOP, .found = loops.longest, .limit = LOOP};
+    if (loops.kept > room)
+        return (WidthChoice){.vectors = 2, .why = WIDTH_MUCH_KEPT, .found = loops.kept, .limit = room};
+    return (WidthChoice){.vectors = 4, .why = WIDTH_SHORT_LOOP, .found = loops.kept, .limit = room};
 }
 
 uint32_t back_register_lanes(const Target *t, Precision p) { return t->vector_bytes / (p == PREC_F64 ? 8 : 4); }
 
+WidthChoice back_width_choice(const KernelRequest *k, uint32_t j, const BackOptions *o) {
+    if (o->width) return (WidthChoice){.lanes = o->width, .why = WIDTH_GIVEN};
+    WidthChoice c =
+        j < 64 && o->few >> j & 1 ? (WidthChoice){.vectors = 1, .why = WIDTH_FEW} : vectors(k[j].fn, &o->target);
+    c.lanes = c.vectors * back_register_lanes(&o->target, k[j].fn->precision);
+    return c;
+}
+
 uint32_t back_choose_width(const KernelRequest *k, uint32_t j, const BackOptions *o) {
-    if (o->width) return o->width;
-    uint32_t lanes = back_register_lanes(&o->target, k[j].fn->precision);
-    return j < 64 && o->few >> j & 1 ? lanes : vectors(k[j].fn, &o->target) * lanes;
+    return back_width_choice(k, j, o).lanes;
 }
 
 /* The same on every target, so that sums have the same bits at one width. */
@@ -125,15 +140,17 @@ Plan back_plan(Fn *fn, const Target *target, uint32_t width) {
     return plan;
 }
 
+bool back_lacks_rounding(const Target *t) {
+    return t->vector_bytes <= 16 && !strcmp(t->cpu, "x86-64") && !strstr(t->features, "+sse4.1");
+}
+
 bool back_is_vector(const Plan *plan, const Inst *i) { return plan->W > 1 && (i->flags & BACK_VARYING); }
 uint32_t back_value_parts(const Plan *plan, const Inst *i) { return back_is_vector(plan, i) ? plan->P : 1; }
 
 /* ---- if_ */
-enum {                    /* in vector instructions */
-       BLEND_BUDGET = 8,  /* what a test and a branch cost */
-       PICK_BUDGET = 4,   /* what a branch costs that all lanes take together */
-       GATHER = 8,        /* a read whose lanes may want different places */
-       LIBRARY_FMA = 100, /* a fused product without hardware for it */
+enum {                   /* in vector instructions */
+       BLEND_BUDGET = 8, /* what a test and a branch cost */
+       PICK_BUDGET = 4,  /* what a branch costs that all lanes take together */
        NOT_CHEAP = 1000
 };
 
@@ -145,8 +162,8 @@ static uint32_t region_cost(const Plan *plan, const Block *b) {
         bool reads = i->op == OP_load || i->op == OP_param || i->op == OP_iparam || i->op == OP_dparam;
         if (i->op == OP_if_) cost += o->cost + region_cost(plan, i->region[0]) + region_cost(plan, i->region[1]);
         else if (o->kind == KIND_PLACED || o->kind == KIND_EFFECT) cost += NOT_CHEAP;
-        else if (i->op == OP_ffma && !plan->has_fma) cost += LIBRARY_FMA;
-        else cost += reads && back_is_vector(plan, i) ? GATHER : o->cost;
+        else if (i->op == OP_ffma && !plan->has_fma) cost += BACK_LIBRARY_FMA_COST;
+        else cost += reads && back_is_vector(plan, i) ? BACK_GATHER_COST : o->cost;
     }
     return cost;
 }

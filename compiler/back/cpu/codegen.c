@@ -84,7 +84,9 @@ static void write_module(CodeUnit *u) {
         return;
     }
     LLVMMemoryBufferRef buffer = NULL;
-    if (ll->TargetMachineEmitToMemoryBuffer(u->tm, u->mod, u->kind == 's' ? LLVMAssemblyFile : LLVMObjectFile, &text,
+    const bool text_wanted = u->kind == 's' || u->kind == 'a';
+    if (u->kind == 'a') ll->SetTargetMachineAsmVerbosity(u->tm, true);
+    if (ll->TargetMachineEmitToMemoryBuffer(u->tm, u->mod, text_wanted ? LLVMAssemblyFile : LLVMObjectFile, &text,
                                             &buffer)) {
         fail(u, SLT_INTERNAL, text ? text : "LLVM could not emit the module");
         ll->DisposeMessage(text);

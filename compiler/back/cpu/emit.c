@@ -423,10 +423,6 @@ static void declare_kernel(Emit *e, const char *name) {
     e->n = LL(GetParam)(e->func, 1);
 }
 
-static bool sse2_only(const Target *t) {
-    return t->vector_bytes <= 16 && !strcmp(t->cpu, "x86-64") && !strstr(t->features, "+sse4.1");
-}
-
 const char *back_emit_kernel(const LlvmApi *ll, LLVMContextRef ctx, LLVMModuleRef mod, const KernelRequest *k,
                              const BackOptions *o, uint32_t width) {
     Emit *e = ARENA_NEW(&k->fn->session->scratch, Emit);
@@ -441,7 +437,7 @@ const char *back_emit_kernel(const LlvmApi *ll, LLVMContextRef ctx, LLVMModuleRe
     e->W = e->plan.W;
     e->P = e->plan.P;
     e->L = e->plan.L;
-    e->sse2_only = sse2_only(&o->target);
+    e->sse2_only = back_lacks_rounding(&o->target);
     init_types(e);
     uint32_t count = ir_number(k->fn);
     e->val = ARENA_ARRAY(e->arena, Part, (size_t)count * e->P + 1);

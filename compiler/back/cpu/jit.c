@@ -1,5 +1,6 @@
 /* Kernels in memory: from the disk cache if it has them, else through LLVM; loaded either way by load.c. */
 #include <errno.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -185,8 +186,14 @@ uint32_t back_instructions(const CompiledModule *m, const char *name) {
 }
 
 uint32_t back_machine_bytes(const CompiledModule *m, const char *name) {
-    uint64_t size = 0;
-    return find_symbol(m, name, &size) ? (uint32_t)size : 0;
+    uint64_t size = 0, sum = 0;
+    if (find_symbol(m, name, &size)) sum = size;
+    for (uint32_t part = 0;; part++) {
+        char text[96];
+        snprintf(text, sizeof text, "%s.part%u", name, part);
+        if (!find_symbol(m, text, &size)) return (uint32_t)sum;
+        sum += size;
+    }
 }
 
 void back_times(const CompiledModule *m, double *emit_ms, double *llvm_ms, bool *cached) {
