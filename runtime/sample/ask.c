@@ -42,7 +42,7 @@ static void may_be_near(const Row *r) {
     const uint32_t *key = w->near_key + r->first, *next = key + r->s;
     const float *a = w->near_g + r->first - r->s, *b = a + r->s, *c = b + r->s, *d = c + r->s;
     for (uint32_t i = 0; i < n; i++)
-        ask[i] |= (uint8_t)((key[i] == next[i]) & (b[i] < a[i]) & (d[i] > c[i]) ? ASK_NEAR : 0);
+        ask[i] |= (uint8_t)(((key[i] == next[i]) & (b[i] < a[i]) & (d[i] > c[i])) ? ASK_NEAR : 0);
 }
 
 /* Of a row of edges, the first of which has number e along the axis; step: 1, or 0 where all have it. Beside a border
