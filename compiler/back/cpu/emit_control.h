@@ -1,5 +1,5 @@
 /* What the files of structured control flow share: results side by side with what they stand for, and masks that travel
- * between blocks. Only emit_control.c, emit_if.c and emit_loop.c include this. */
+ * between blocks. Only the files of ifs and loops include this. */
 #ifndef SALTUS_BACK_CPU_EMIT_CONTROL_H
 #define SALTUS_BACK_CPU_EMIT_CONTROL_H
 
