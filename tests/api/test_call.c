@@ -124,6 +124,34 @@ static void own_integers(void **state) {
     slt_program_free(p), slt_program_free(bytes);
 }
 
+/* 8-bit pixels of every shape: each is shaded in its place, whole squares and what is left of them. */
+static void shapes_of_pixels(void **state) {
+    (void)state;
+    static const uint32_t shape[][2] = {{1, 1}, {7, 9}, {8, 8}, {16, 3}, {1, 40}, {1025, 8}, {1032, 9}, {129, 17}};
+    for (int k = 0; k < 16; k++) {
+        SltOptions opt = SLT_OPTIONS_INIT;
+        opt.rgba8 = true, opt.f64 = k & 1;
+        SltProgram *p = compile_with("[Display] shader float3 main(float2 x) { int2 q = pixel();\n"
+                                     "return float3(float(q.x % 256), float(q.y % 256), floor(255.0 * x.x)) / 255.0; }",
+                                     opt);
+        const uint32_t *n = shape[k / 2];
+        SltJob job = SLT_JOB_INIT;
+        SltError err;
+        job.size[0] = n[0], job.size[1] = n[1];
+        uint32_t *pixels = calloc((size_t)n[0] * n[1], sizeof *pixels);
+        assert_ok(slt_render_rgba8(p, &job, pixels, NULL, &err));
+        for (uint32_t y = 0; y < n[1]; y++)
+            for (uint32_t x = 0; x < n[0]; x++) {
+                uint32_t c = pixels[(size_t)y * n[0] + x];
+                double blue = floor(255 * (x + 0.5) / n[0]);
+                assert_int_equal(c & 0xffff, (x & 255) | (y & 255) << 8);
+                assert_true(fabs((c >> 16 & 255) - blue) <= 1);
+            }
+        free(pixels);
+        slt_program_free(p);
+    }
+}
+
 /* ---- sizes: as programs of an older and of a newer header would call */
 typedef struct NewerJob {
     SltJob known;
@@ -335,8 +363,9 @@ static void nothing_is_kept(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(own_parameters), cmocka_unit_test(own_integers),
-                                       cmocka_unit_test(other_versions), cmocka_unit_test(without_memory),
-                                       cmocka_unit_test(shapes),         cmocka_unit_test(nothing_is_kept)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(own_parameters),  cmocka_unit_test(own_integers),
+                                       cmocka_unit_test(other_versions),  cmocka_unit_test(without_memory),
+                                       cmocka_unit_test(shapes),          cmocka_unit_test(nothing_is_kept),
+                                       cmocka_unit_test(shapes_of_pixels)};
     return cmocka_run_group_tests(tests, scratch_make, scratch_drop);
 }
