@@ -104,7 +104,7 @@ static bool collect(const Light *l, Arrangement *a, const Polygon *whole) {
         const uint32_t count = first[k];
         first[k] = sum, sum += count;
     }
-    uint32_t *order = a->root; /* for now */
+    uint32_t *order = a->root; /* free until segments are joined */
     for (uint32_t i = 0; i < n; i++)
         order[first[strip_of(low, strips, light_min(segment[i].end[0][0], segment[i].end[1][0]))]++] = i;
     /* first[k] is now where strip k ends. */
@@ -185,7 +185,7 @@ static bool follow(Arrangement *a) {
     }
     while (a->step.n < sum)
         if (!ROW_ADD(a->step, ((Step){.along = 0}))) return false;
-    uint32_t *filled = a->root; /* for now */
+    uint32_t *filled = a->root; /* likewise */
     for (uint32_t i = 0; i < a->n; i++) filled[i] = a->first[i];
     for (uint32_t m = 0; m < a->meeting.n; m++)
         for (uint32_t s = 0; s < 2; s++) {
