@@ -85,17 +85,11 @@ typedef enum IfForm {
     IF_BOTH, /* each side under its mask, if some lane wants it */
 } IfForm;
 IfForm back_if_form(const Plan *plan, const Inst *i);
+bool back_is_empty(const Block *b);        /* constants at most */
+uint32_t back_count_insts(const Block *b); /* with those of all regions */
 
 /* Is v, the next value of carried parameter c, still c in lanes that have left the loop? */
 bool back_keeps_itself(const Plan *plan, const Inst *v, const Inst *c);
-
-/* A loop's flag to go on as a conjunction: uniform factors stay scalar tests, so a varying break does not push the trip
- * count through a mask. */
-typedef struct Conjuncts {
-    const Inst *uniform[16], *varying[16];
-    uint32_t nuniform, nvarying;
-} Conjuncts;
-void back_split_flag(const Plan *plan, const Inst *flag, Conjuncts *out); /* adds to what `out` holds */
 
 /* ---- key.c: the name of what an emitter makes of these kernels */
 typedef struct CacheKey {

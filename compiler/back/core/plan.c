@@ -13,11 +13,11 @@ int back_check_width(Session *s, uint32_t width, const char **why) {
     return SLT_USAGE;
 }
 
-static uint32_t count_insts(const Block *b) {
+uint32_t back_count_insts(const Block *b) {
     uint32_t n = 0;
     for (const Inst *i = b->first; i; i = i->next) {
         n++;
-        for (uint32_t r = 0; r < i->nregions; r++) n += count_insts(i->region[r]);
+        for (uint32_t r = 0; r < i->nregions; r++) n += back_count_insts(i->region[r]);
     }
     return n;
 }
@@ -61,7 +61,7 @@ static void look_at_loops(Fn *fn, const Block *b, Loops *out) {
         for (uint32_t r = 0; r < i->nregions; r++) look_at_loops(fn, i->region[r], out);
         if (i->op != OP_loop && i->op != OP_revloop) continue;
         const Block *body = i->region[0];
-        uint32_t size = count_insts(body);
+        uint32_t size = back_count_insts(body);
         ArenaMark m = arena_mark(&fn->session->scratch);
         bool *seen = ARENA_ARRAY(&fn->session->scratch, bool, fn->ninsts + 1);
         uint32_t kept = (i->flags & BACK_DIVERGES ? 1 : 0) + count_read(body, body, seen);
@@ -82,7 +82,7 @@ static WidthChoice vectors(Fn *fn, const Target *t) {
     const uint32_t registers = t->vector_bytes == 64 ? 32 : 16, spare = registers / 8;
     uint32_t most = 0;
     for (const Fn *part = fn; part; part = part->next_part) {
-        uint32_t count = count_insts(part->body);
+        uint32_t count = back_count_insts(part->body);
         most = count > most ? count : most;
     }
     if (most > LARGE) return (WidthChoice){.vectors = 1, .why = WIDTH_MOST_CODE, .found = most, .limit = LARGE};
@@ -168,7 +168,7 @@ static uint32_t region_cost(const Plan *plan, const Block *b) {
     return cost;
 }
 
-static bool is_empty(const Block *b) {
+bool back_is_empty(const Block *b) {
     for (const Inst *i = b->first; i; i = i->next)
         if (i->op != OP_yield && !ir_is_const(i)) return false;
     return true;
@@ -179,8 +179,8 @@ IfForm back_if_form(const Plan *plan, const Inst *i) {
     uint32_t cost = region_cost(plan, i->region[0]) + region_cost(plan, i->region[1]);
     if (!back_is_vector(plan, i->args[0])) return cost <= PICK_BUDGET ? IF_PICK : IF_JUMP;
     if (i->imm.i != IR_IF_RARE && cost * plan->P <= BLEND_BUDGET) return IF_BLEND;
-    if (is_empty(i->region[1])) return IF_THEN_ONLY;
-    return is_empty(i->region[0]) ? IF_ELSE_ONLY : IF_BOTH;
+    if (back_is_empty(i->region[1])) return IF_THEN_ONLY;
+    return back_is_empty(i->region[0]) ? IF_ELSE_ONLY : IF_BOTH;
 }
 
 /* ---- loop */
@@ -192,16 +192,4 @@ bool back_keeps_itself(const Plan *plan, const Inst *v, const Inst *c) {
     IfForm form = back_if_form(plan, i);
     if (form != IF_THEN_ONLY && form != IF_ELSE_ONLY) return false;
     return back_keeps_itself(plan, ir_yield_of(i->region[form == IF_THEN_ONLY])->args[v->imm.i], c);
-}
-
-void back_split_flag(const Plan *plan, const Inst *flag, Conjuncts *out) {
-    bool room = out->nuniform + out->nvarying < 14;
-    if (flag->op == OP_band && room) {
-        back_split_flag(plan, flag->args[0], out);
-        back_split_flag(plan, flag->args[1], out);
-    } else if (back_is_vector(plan, flag)) {
-        out->varying[out->nvarying++] = flag;
-    } else {
-        out->uniform[out->nuniform++] = flag;
-    }
 }

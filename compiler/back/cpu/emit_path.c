@@ -99,12 +99,7 @@ static bool parts_of_flag_known(Emit *e, const LoopState *s, const Path *p, cons
 static const Inst *value_of(const LoopState *s, const Path *p, uint32_t r) { return along(p, s->yield->args[r + 1]); }
 
 /* ---- the if at the end of a block */
-static bool is_empty(const Block *b) {
-    for (const Inst *i = b->first; i; i = i->next)
-        if (i->op != OP_yield && !ir_is_const(i)) return false;
-    return true;
-}
-
+/* The last if of b at which lanes part. */
 static Inst *last_if(const Emit *e, const Block *b) {
     for (Inst *i = b->last; i; i = i->prev)
         if (i->op == OP_if_ && emit_is_vector(e, i->args[0]) && i->args[0]->op != OP_live) return i;
@@ -136,7 +131,7 @@ static bool emit_behind(Emit *e, Inst *last) {
 
 /* Tries to take `side` of last: the other computes nothing, and all lanes that want it leave, or all of them stay. */
 static bool can_step(Emit *e, const LoopState *s, const Path *p, const Inst *last, uint32_t side, Fate other) {
-    if (!is_empty(last->region[!side]) || p->nsteps == MAX_STEPS) return false;
+    if (!back_is_empty(last->region[!side]) || p->nsteps == MAX_STEPS) return false;
     Path x = *p;
     x.nsteps++;
     for (uint32_t k = 0; k < 2; k++) {

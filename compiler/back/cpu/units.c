@@ -41,15 +41,6 @@ static double now_ms(void) {
 }
 
 /* ---- which kernel goes where */
-static uint32_t count_insts(const Block *b) {
-    uint32_t n = 0;
-    for (const Inst *i = b->first; i; i = i->next) {
-        n++;
-        for (uint32_t r = 0; r < i->nregions; r++) n += count_insts(i->region[r]);
-    }
-    return n;
-}
-
 static uint32_t count_functions(const KernelRequest *k) {
     uint32_t n = 1;
     for (const Fn *fn = k->fn->next_part ? k->fn : NULL; fn; fn = fn->next_part) n++;
@@ -58,7 +49,7 @@ static uint32_t count_functions(const KernelRequest *k) {
 
 static uint64_t kernel_cost(const KernelRequest *k, uint32_t width, const Target *t) {
     uint64_t insts = 0, lanes = back_register_lanes(t, k->fn->precision);
-    for (const Fn *fn = k->fn; fn; fn = fn->next_part) insts += count_insts(fn->body);
+    for (const Fn *fn = k->fn; fn; fn = fn->next_part) insts += back_count_insts(fn->body);
     return KERNEL_COST + insts * (width > lanes ? width / lanes : 1);
 }
 
