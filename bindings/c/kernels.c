@@ -76,15 +76,6 @@ typedef struct Request {
     SltError *err;
 } Request;
 
-static bool has_detached(const Block *b) {
-    for (const Inst *i = b->first; i; i = i->next) {
-        if (i->op == OP_detach) return true;
-        for (uint32_t r = 0; r < i->nregions; r++)
-            if (has_detached(i->region[r])) return true;
-    }
-    return false;
-}
-
 static void fill_scene(SltProgram *p) {
     SltScene *s = &p->scene;
     Program *g = p->prog;
@@ -104,7 +95,7 @@ static void fill_scene(SltProgram *p) {
     s->edge_argmin = p->edge_argmin;
     s->still = !p->passes.untracked;
     s->follow = p->opt.near_miss < 0 ? 1 : p->opt.near_miss > 0 ? 2 : 0;
-    s->uses_rand = g->uses_rand, s->detached = g->uses_rand && has_detached(g->primal->body);
+    s->uses_rand = g->uses_rand, s->detached = g->uses_rand && ir_has(g->primal->body, OP_detach);
     s->geometries = p->geometries, s->ngeometries = g->ngeometries, s->geometry_base = p->geometry_base;
     s->print = p->print, s->print_user = p->print_user;
     s->ncull = g->ncull;
@@ -123,16 +114,6 @@ static void find_list_counts(const Block *b, uint32_t counts[SLT_MAX_CULL], uint
         }
         for (uint32_t r = 0; r < i->nregions; r++) find_list_counts(i->region[r], counts, n);
     }
-}
-
-/* Does a reverse kernel add to any adjoint? */
-static bool adds_adjoints(const Block *b) {
-    for (const Inst *i = b->first; i; i = i->next) {
-        if (i->op == OP_adj) return true;
-        for (uint32_t r = 0; r < i->nregions; r++)
-            if (adds_adjoints(i->region[r])) return true;
-    }
-    return false;
 }
 
 static void find_noted(const Block *b, uint8_t *noted) {
@@ -296,7 +277,7 @@ static void build_body(Session *s, void *arg) {
             bool adds = back_dense_adjoints(set.fn[k], p->dense);
             if (k == K_SITE_VJP) p->scene.site_logs = !adds && !p->opt.interpret;
         }
-        if (k == K_VJP) p->scene.rigid = !adds_adjoints(set.fn[k]->body);
+        if (k == K_VJP) p->scene.rigid = !ir_has(set.fn[k]->body, OP_adj);
         if (set.tape[k].bytes_per_lane > p->scene.tape_bytes) p->scene.tape_bytes = set.tape[k].bytes_per_lane;
         p->scene.tape_grows |= set.tape[k].grows;
         p->compiled_few[k] = !is_long(&set, k) && takes_few(p, k);

@@ -136,21 +136,13 @@ static bool work(void *user, uint32_t worker, uint64_t strip) {
     return true;
 }
 
-static bool prints(const Block *b) {
-    for (const Inst *i = b->first; i; i = i->next) {
-        if (i->op == OP_print) return true;
-        for (uint32_t r = 0; r < i->nregions; r++)
-            if (prints(i->region[r])) return true;
-    }
-    return false;
-}
-
 static void merge(void *user, uint32_t worker, uint64_t tile) { (void)user, (void)worker, (void)tile; }
 
 static SltStatus render(SltProgram *p, const SltJob *job, uint32_t *pixels, SltStats *stats, SltError *err) {
     uint64_t strips = (job->size[1] + SIDE - 1) / SIDE;
     Pixels q = {.p = p, .job = job, .out = pixels};
-    q.squares = job->size[0] % SIDE == 0 && !prints(p->fn[K_VALUE]->body); /* what is printed comes row by row */
+    q.squares =
+        job->size[0] % SIDE == 0 && !ir_has(p->fn[K_VALUE]->body, OP_print); /* what is printed comes row by row */
     q.asks_pixels = p->scene.layout[SLT_K_VALUE].reads >> SLT_IN_PIXEL0 & 1;
     uint32_t threads = pool_threads(job->threads, strips);
     q.worker = aligned_alloc(64, threads * sizeof *q.worker);

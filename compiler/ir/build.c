@@ -209,6 +209,15 @@ uint32_t ir_nresults(const Inst *i) {
     return i->op == OP_loop ? (yield->nargs ? yield->nargs - 1 : 0) : yield->nargs;
 }
 
+bool ir_has(const Block *b, Op op) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == op) return true;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (ir_has(i->region[r], op)) return true;
+    }
+    return false;
+}
+
 Inst *ir_proj(Builder *b, Inst *structured, uint32_t index) {
     if (index >= ir_nresults(structured))
         ice(b->fn->session, "ir_proj: result %u of %s with %u results", index, ir_ops[structured->op].name,

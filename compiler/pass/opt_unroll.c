@@ -33,14 +33,7 @@ static void unroll(Fn *fn, Inst *loop) {
     arena_reset(scratch, m);
 }
 
-static bool has_site(const Block *b) {
-    for (const Inst *i = b->first; i; i = i->next) {
-        if (i->op == OP_site || i->op == OP_siten) return true;
-        for (uint32_t r = 0; r < i->nregions; r++)
-            if (has_site(i->region[r])) return true;
-    }
-    return false;
-}
+static bool has_site(const Block *b) { return ir_has(b, OP_site) || ir_has(b, OP_siten); }
 
 static bool unroll_block(Fn *fn, Block *b) {
     bool changed = false;

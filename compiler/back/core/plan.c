@@ -22,14 +22,7 @@ uint32_t back_count_insts(const Block *b) {
     return n;
 }
 
-static bool uses_pairs(const Block *b) {
-    for (const Inst *i = b->first; i; i = i->next) {
-        if (i->op == OP_partner || i->op == OP_both) return true;
-        for (uint32_t r = 0; r < i->nregions; r++)
-            if (uses_pairs(i->region[r])) return true;
-    }
-    return false;
-}
+static bool uses_pairs(const Block *b) { return ir_has(b, OP_partner) || ir_has(b, OP_both); }
 
 /* ---- how many vectors a value */
 typedef struct Loops {
