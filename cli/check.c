@@ -18,6 +18,7 @@
 #include <string.h>
 
 #include "bindings/c/api.h"
+#include "bindings/c/warnings.h"
 #include "cli/check.h"
 
 enum { MAX_ROWS = 64, LARGEST = 3 };
@@ -387,16 +388,16 @@ static int check(Check *k) {
         judge(k, row, largest);
         all_pass &= row->pass, failed |= !row->pass && !row->says_nothing;
     }
-    uint64_t dropped = report_lost(&k->stats);
+    uint64_t dropped = api_lost(&k->stats);
     if (s == SLT_OK) {
         const char *other = NULL;
         char text[1024];
         const SltPlace *at = NULL;
         if (dropped * 100 > k->stats.crossings + dropped)
-            at = report_lost_text(&k->stats, text, sizeof text), other = text;
+            at = api_lost_text(&k->stats, text, sizeof text), other = text;
         bool finite = true;
         for (uint32_t i = 0; i < k->n; i++) finite &= isfinite(k->rows[i].ad) && isfinite(k->rows[i].fd);
-        if (!finite && k->stats.nonfinite) at = report_nonfinite_text(&k->stats, text, sizeof text), other = text;
+        if (!finite && k->stats.nonfinite) at = api_nonfinite_text(&k->stats, text, sizeof text), other = text;
         if (k->stats.asserts) at = NULL, other = "an assert failed: `assert` in the shader says where";
         for (uint32_t i = 0; i < k->n; i++)
             if (isinf(k->rows[i].ad_se) && !other) other = "the error of the derivative is not known: more --samples";

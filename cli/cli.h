@@ -254,16 +254,11 @@ typedef struct ReportMore {
 /* The same, and these. */
 void report_warnings_and(FILE *out, SltProgram *p, const SltStats *stats, const ReportMore *more, size_t nmore);
 void report_more(const Cli *c, const ReportMore *more, size_t n); /* for people, on standard error */
-uint64_t report_lost(const SltStats *stats); /* crossings that were dropped; coinciding ones are integrated */
 /* Errors that are infinite beside values that are not. */
 ReportMore report_unknown(const char *what, const double *value, const double *error, size_t n);
 /* ---- sampled.c */
 void report_dropped(
     const Cli *c, const SltStats *stats); /* warnings for people: dropped crossings, truncated loops, failed asserts */
-/* How many crossings were dropped and why, where most were, and what explains it; returns that place. */
-const SltPlace *report_lost_text(const SltStats *stats, char *buf, size_t size);
-/* What is not finite, and where; returns that place, NULL if all is. */
-const SltPlace *report_nonfinite_text(const SltStats *stats, char *buf, size_t size);
 void report_place(FILE *out, const SltPlace *at);      /* "file:line:column: ", or nothing */
 void report_place_json(FILE *out, const SltPlace *at); /* null where nothing is known */
 /* Of a name in codes.def, in upper or lower case: the name as it stands there; NULL: there is none. */

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bindings/c/warnings.h"
 #include "cli/cli.h"
 
 static void json_list(const char *key, const double *v, uint32_t n) {
@@ -252,7 +253,7 @@ static SltStatus write_maps(const char *path, const Image *layers, uint32_t ncom
 
 /* In an integral the stated error grows by what was dropped; an image has none to grow. */
 static void note_missing_in_image(const Cli *c, const SltStats *s) {
-    double lost = (double)report_lost(s), share = lost / ((double)s->crossings + lost);
+    double lost = (double)api_lost(s), share = lost / ((double)s->crossings + lost);
     if (c->quiet || !(share > 1e-3)) return;
     cli_say(
         CLI_NOTE, "dropped", NULL,

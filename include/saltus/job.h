@@ -133,6 +133,16 @@ typedef struct SltStats {
 enum { SLT_FEW_ULPS = 32 };
 #define SLT_STATS_INIT ((SltStats){.struct_size = sizeof(SltStats)})
 
+/* What SltStats says that the results do not: why they may be wrong, or less than they seem. */
+typedef struct SltWarning {
+    size_t struct_size;
+    int severity;     /* 1 error (a failed assert), 2 warning */
+    const char *code; /* "dropped", ...: docs/command.md lists them, `saltus explain dropped` explains */
+    SltPlace at;      /* where most of it happened, as far as that is known */
+    char text[1024];  /* a sentence or two, without a newline */
+} SltWarning;
+#define SLT_WARNING_INIT ((SltWarning){.struct_size = sizeof(SltWarning)})
+
 /* Results of slt_grad_integral. The arrays are the caller's, nfloats = slt_float_count; NULL: not wanted. */
 typedef struct SltIntegral {
     size_t struct_size;

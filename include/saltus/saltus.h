@@ -224,6 +224,9 @@ SltStatus slt_grad_loss(SltProgram *p, const SltJob *job, const float *target, c
                         double *gradient, double *stderr_bound, float *image, SltStats *stats, SltError *err);
 /* The integral over the domain and its gradient, whether job.integral is set or not. */
 SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err);
+/* Warning `index` of what calls have counted; false beyond the last. `at` points at strings of the program that was
+ * sampled. */
+bool slt_warning(const SltStats *stats, uint32_t index, SltWarning *out);
 /* f at n points: x[n][slt_dim], out[n][slt_channels]. The points are rounded to the precision of the program and may
  * lie anywhere: f is evaluated outside the domain as it is inside. rand() at point i depends on job.seed and on the
  * point's stream, streams[i] (i where streams is NULL), and on nothing else. To the shader the domain is one pixel, as

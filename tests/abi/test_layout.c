@@ -192,6 +192,13 @@ static void write_layout(FILE *out) {
     MEMBER(SltCrossing, k);
     MEMBER(SltCrossing, drop);
     END(SltCrossing);
+    STRUCT(SltWarning);
+    MEMBER(SltWarning, struct_size);
+    MEMBER(SltWarning, severity);
+    MEMBER(SltWarning, code);
+    MEMBER(SltWarning, at);
+    MEMBER(SltWarning, text);
+    END(SltWarning);
     STRUCT(SltOpenEvent);
     MEMBER(SltOpenEvent, edge);
     MEMBER(SltOpenEvent, loops);
