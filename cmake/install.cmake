@@ -25,6 +25,18 @@ install(DIRECTORY stdlib/ DESTINATION ${CMAKE_INSTALL_DATADIR}/saltus/stdlib FIL
 install(FILES docs/saltus.1 DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
 install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR})
 
+# The Python package, where the Python that is found looks below the prefix (Debian: lib/python3/dist-packages of /usr,
+# lib/python3.11/dist-packages of /usr/local). Not installed where there is none.
+find_package(Python3 COMPONENTS Interpreter)
+if(Python3_FOUND AND NOT DEFINED SALTUS_PYTHON_DIR)
+  execute_process(COMMAND ${Python3_EXECUTABLE} ${CMAKE_SOURCE_DIR}/bindings/python/where.py ${CMAKE_INSTALL_PREFIX}
+    OUTPUT_VARIABLE PYTHON_DIR OUTPUT_STRIP_TRAILING_WHITESPACE)
+endif()
+set(SALTUS_PYTHON_DIR "${PYTHON_DIR}" CACHE STRING "where the Python package goes, below the prefix; empty: nowhere")
+if(SALTUS_PYTHON_DIR)
+  install(DIRECTORY bindings/python/saltus DESTINATION ${SALTUS_PYTHON_DIR} FILES_MATCHING PATTERN "*.py" PATTERN "py.typed" PATTERN "__pycache__" EXCLUDE)
+endif()
+
 set(PACKAGE_DIR ${CMAKE_INSTALL_LIBDIR}/cmake/saltus)
 install(EXPORT saltus NAMESPACE saltus:: FILE saltusTargets.cmake DESTINATION ${PACKAGE_DIR})
 configure_package_config_file(${CMAKE_SOURCE_DIR}/cmake/saltusConfig.cmake.in ${CMAKE_BINARY_DIR}/saltusConfig.cmake

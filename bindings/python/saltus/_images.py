@@ -1,0 +1,140 @@
+"""Images as arrays that a notebook shows, and pictures in files."""
+from __future__ import annotations
+
+import ctypes
+import os
+
+import numpy as np
+
+from . import _abi
+from ._errors import UsageError, raise_for
+from ._library import free, lib
+
+
+class Image(np.ndarray):
+    """An array of float32, (height, width, channels), top row first; a volume (depth, height, width, channels), a curve
+    (width, channels). It is an ndarray that notebooks show as a picture, linear colours through the curve of sRGB."""
+
+    #: Colours are encoded for a screen already ([Display], GLSL).
+    display = False
+    #: Values are signed: blue below 0, red above. Of derivatives.
+    signed = False
+
+    def __array_finalize__(self, origin):
+        self.display, self.signed = getattr(origin, "display", False), getattr(origin, "signed", False)
+
+    def __array_wrap__(self, result, context=None):
+        wrapped = super().__array_wrap__(result, context)
+        return wrapped[()] if wrapped.ndim == 0 else wrapped
+
+    def _repr_png_(self) -> bytes | None:
+        flat = _picture(self)
+        return None if flat is None else encode_png(flat, display=self.display, signed=self.signed)
+
+    def save(self, path):
+        """Writes .png, .exr, .pfm or .npy: `write_image`."""
+        write_image(path, self)
+
+
+def as_image(array, display=False, signed=False) -> Image:
+    image = array.view(Image)
+    image.display, image.signed = display, signed
+    return image
+
+
+def _picture(array):
+    """(h, w, c) of what can be shown: an image, a curve as a strip, the middle slice of a volume; else None."""
+    array = np.asarray(array)
+    if array.dtype.kind not in "fiub" or not array.size:
+        return None
+    if array.ndim == 4:
+        array = array[array.shape[0] // 2]
+    if array.ndim == 2:
+        array = array[None].repeat(16, 0) if array.shape[1] <= 4 else array[..., None]
+    return array if array.ndim == 3 and 1 <= array.shape[2] <= 4 else None
+
+
+def floats32(array, what: str, shape=None) -> np.ndarray:
+    """A C-ordered array of float32 with these numbers, copied if need be. Complex numbers and objects are refused."""
+    try:
+        array = np.asarray(array)
+    except ValueError as error:
+        raise UsageError(f"{what}: {error}") from None
+    if array.dtype.kind not in "fiub":
+        raise UsageError(f"{what}: an array of real numbers is wanted, not of {array.dtype}")
+    if shape is not None and array.shape != shape and array.shape + (1,) != shape:
+        raise UsageError(f"{what} has the shape {array.shape}, and {shape} is wanted")
+    with np.errstate(over="ignore"):
+        return np.ascontiguousarray(array, np.float32)
+
+
+def _checked(array):
+    flat = _picture(array)
+    if flat is None:
+        raise UsageError(f"a picture is an array (height, width, channels) with 1 to 4 channels, not of shape {np.shape(array)}")
+    flat = floats32(flat, "picture")
+    return flat, (ctypes.c_uint32 * 2)(flat.shape[1], flat.shape[0]), flat.shape[2]
+
+
+def _taken(bytes_at, n) -> bytes:
+    try:
+        return ctypes.string_at(bytes_at, n.value)
+    finally:
+        free(bytes_at)
+
+
+def encode_png(image, *, display=False, signed=False, title: str | None = None, scale=0.0) -> bytes:
+    """A PNG file of an image, as bytes. `display`: its colours are encoded for a screen already. `signed`: a diverging
+    map, blue below 0 and red above, with its scale printed below, behind `title`; full colour stands for `scale` (0: for
+    the largest magnitude)."""
+    flat, size, channels = _checked(image)
+    at, n, error = ctypes.c_void_p(), ctypes.c_size_t(), _abi.SltError()
+    if signed:
+        status = lib.slt_image_encode_signed(scale, title.encode() if title else None, size, channels, flat.ctypes.data,
+                                             ctypes.byref(at), ctypes.byref(n), ctypes.byref(error))
+    else:
+        status = lib.slt_image_encode(b".png", display, size, channels, flat.ctypes.data, ctypes.byref(at),
+                                      ctypes.byref(n), ctypes.byref(error))
+    raise_for(status, error)
+    return _taken(at, n)
+
+
+def write_image(path, image, *, display: bool | None = None):
+    """Writes (height, width, channels) by the extension of `path`: .exr, .png, .pfm, .npy. The file appears whole or not
+    at all. `display`: a PNG takes the numbers as they are (default: what the image says, else linear colours)."""
+    flat, size, channels = _checked(image)
+    display = getattr(image, "display", False) if display is None else display
+    error = _abi.SltError()
+    raise_for(lib.slt_image_write(os.fsencode(path), display, size, channels, flat.ctypes.data, ctypes.byref(error)), error)
+
+
+def save_png(path, image, *, display: bool | None = None, title: str | None = None, scale=0.0):
+    """A PNG of an image; of a derivative (`Image.signed`) a diverging map with its scale printed below."""
+    display = getattr(image, "display", False) if display is None else display
+    data = encode_png(image, display=display, signed=getattr(image, "signed", False), title=title, scale=scale)
+    beside = f"{os.fspath(path)}.{os.getpid()}.tmp"
+    try:
+        with open(beside, "wb") as file:
+            file.write(data)
+        os.replace(beside, path)
+    except BaseException:
+        if os.path.exists(beside):
+            os.unlink(beside)
+        raise
+
+
+def read_image(path, size: int | tuple[int, int] | None = None, *, channels: int | None = None, display=False) -> Image:
+    """Reads .exr, .png, .pfm, .npy or .hgt as (height, width, channels) of float32, colours linear. `size`: resized to
+    (width, height), or a square. `channels`: converted, grey to colour or back. `display`: the numbers of a PNG as they
+    are, for programs with ``[Display]``."""
+    width, height = (size, size) if isinstance(size, int) else size or (0, 0)
+    box, found = (ctypes.c_uint32 * 2)(width, height), ctypes.c_uint32(channels or 0)
+    at, error = ctypes.c_void_p(), _abi.SltError()
+    raise_for(lib.slt_image_read(os.fsencode(path), display, box, ctypes.byref(found), ctypes.byref(at),
+                                 ctypes.byref(error)), error)
+    shape = (box[1], box[0], found.value)
+    try:
+        pixels = np.ctypeslib.as_array(ctypes.cast(at, ctypes.POINTER(ctypes.c_float)), shape).copy()
+    finally:
+        free(at)
+    return as_image(pixels, display)
