@@ -3,6 +3,7 @@
 #ifndef SALTUS_BINDINGS_C_API_H
 #define SALTUS_BINDINGS_C_API_H
 
+#include <pthread.h>
 #include <stdatomic.h>
 
 #include "compiler/back/back.h"
@@ -20,6 +21,20 @@ typedef struct GeometryState {
 } GeometryState;
 
 typedef struct DerivedState DerivedState; /* derived.h */
+
+/* Kernels that may never be called: those of lines, where cells integrate. Their IR is there, since layouts and
+ * geometries follow from it; LLVM compiles them, all together, when one of them is called. */
+typedef struct LateKernels {
+    pthread_mutex_t lock; /* of all, while an estimate runs */
+    KernelRequest request[K_KINDS];
+    SltKernelKind kind[K_KINDS];
+    uint32_t n; /* how many wait */
+    uint64_t few, plain;
+    unsigned level;
+    SltKernel *kernel[K_KINDS]; /* compiled, and not yet in the scene */
+    CompiledModule *module;     /* theirs */
+    SltError error;
+} LateKernels;
 
 struct SltProgram {
     Session *session;
@@ -53,6 +68,7 @@ struct SltProgram {
     CompiledModule *modules[16];
     uint32_t nmodules;
     CompiledModule *module_of[K_KINDS];
+    LateKernels late;
     uint8_t compiled_few[K_KINDS], compiled_level[K_KINDS]; /* of BackOptions; 0 where it is plain */
     SltKernel **cull_kernels;                               /* by [Cull] loop */
     uint32_t nlists;                                        /* loops with lists, [Cull] loops first */
@@ -90,11 +106,24 @@ struct SltProgram {
     char *text[4];  /* malloc'd strings handed out: diagnostics as text, as JSON */
 };
 
-/* ---- kernels.c: compiles those of the kernels that the program needs and lacks, then fills p->scene. */
+/* ---- kernels.c: compiles those of the kernels that the program needs and lacks, then fills p->scene. `late`: which
+ * may wait until they are called; NULL: none. */
 SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err);
+SltStatus api_kernels_late(SltProgram *p, const bool needs[K_KINDS], const bool *late, SltError *err);
 /* The same for kernels that are not run here: for objects of another machine, and to be shown. api_kernels refuses a
  * target that this processor lacks; this does not. */
 SltStatus api_kernels_unrun(SltProgram *p, const bool needs[K_KINDS], SltError *err);
+/* One module of n kernels; NULL: none, and err says why. few, plain: see BackOptions. */
+CompiledModule *api_compile_module(SltProgram *p, Session *s, const KernelRequest *req, uint32_t n, uint64_t few,
+                                   uint64_t plain, unsigned level, SltError *err);
+
+/* ---- late.c */
+bool api_late_any(const SltProgram *p, const bool needs[K_KINDS]); /* do any of these wait? */
+SltStatus api_late_compile(SltProgram *p, SltError *err);          /* all that wait, now */
+SltKernel *api_late_make(void *program, int kind);                 /* SltScene.make */
+void api_late_settle(SltProgram *p); /* behind a call: what it made takes its place in the scene */
+void api_late_free(SltProgram *p);
+
 /* cull_check.c: warns of [Cull] loops that do something outside their boxes. After the bounds of these are lowered. */
 void api_check_cull(SltProgram *p);
 void api_forget_gradients(SltProgram *p); /* frees the kernels that depend on p->wrt */
@@ -129,6 +158,7 @@ typedef struct ApiCall {
 } ApiCall;
 SltStatus api_call_begin(ApiCall *c, SltProgram *p, const SltJob *job, SltStats *stats, SltError *err);
 SltStatus api_call_kernels(ApiCall *c, const bool needs[K_KINDS]);
+SltStatus api_call_kernels_late(ApiCall *c, const bool needs[K_KINDS], const bool *late);
 SltStatus api_call_end(ApiCall *c, SltStatus status);
 /* steep.c: after an estimate that took so many evaluations: warns of changes of f that nothing explains, and adds what
  * they weigh to the errors of `out`. NULL: of an image, of which only the first is looked at. */

@@ -118,9 +118,14 @@ SltStatus api_call_begin(ApiCall *c, SltProgram *p, const SltJob *job, SltStats 
 
 SltStatus api_call_kernels(ApiCall *c, const bool needs[K_KINDS]) { return api_kernels(c->p, needs, c->err); }
 
+SltStatus api_call_kernels_late(ApiCall *c, const bool needs[K_KINDS], const bool *late) {
+    return api_kernels_late(c->p, needs, late, c->err);
+}
+
 SltStatus api_call_end(ApiCall *c, SltStatus status) {
     SltProgram *p = c->p;
     if (!p) return status;
+    api_late_settle(p);
     if (status == SLT_OK && p->error.status != SLT_OK)
         status = status_fail(c->err, p->error.status, "%s", p->error.text);
     const bool lost = api_geometries_lost(p);

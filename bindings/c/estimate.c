@@ -8,6 +8,9 @@
 
 static bool by_cells(const SltJob *j) { return j->estimator == SLT_EST_QUADRATURE || j->estimator == SLT_EST_AUTO; }
 
+/* Where cells integrate these are called for what they leave over, and for little else; regions are always compared. */
+static const bool of_lines[K_KINDS] = {[K_VALUE] = true, [K_EVENT] = true, [K_SITE] = true, [K_SITE_GRAD] = true};
+
 static void value_needs(const SltJob *j, bool needs[K_KINDS]) {
     for (int k = 0; k < K_KINDS; k++) needs[k] = k == K_VALUE;
     if (by_cells(j)) needs[K_BOUNDS] = needs[K_EDGE] = needs[K_EDGE_BOUNDS] = needs[K_SIDES] = true;
@@ -86,7 +89,7 @@ static SltStatus begin_gradient(ApiCall *c, SltProgram *p, const SltJob *job, bo
     if (s == SLT_OK) s = settle(c);
     if (s != SLT_OK) return s;
     gradient_needs(p, &c->job, forward, needs);
-    return api_call_kernels(c, needs);
+    return api_call_kernels_late(c, needs, by_cells(&c->job) ? of_lines : NULL);
 }
 
 /* Where single precision tells too few places apart, or cannot hold their squares, the caller is told. */

@@ -71,7 +71,7 @@ static void interpreted(SltKernelArgs *args, uint32_t n) { (void)args, (void)n; 
 
 typedef struct Request {
     SltProgram *p;
-    bool needs[K_KINDS], cull, cells;
+    bool needs[K_KINDS], late[K_KINDS], cull, cells;
     SltStatus status;
     SltError *err;
 } Request;
@@ -102,6 +102,7 @@ static void fill_scene(SltProgram *p) {
     s->cull_bounds = p->cull_kernels, s->cull_count = p->list_counts;
     s->nlists = p->nlists, s->list_count = p->list_counts, s->list_noted = p->list_noted;
     s->adj_lanes = api_adjoint_lanes(p);
+    s->make = api_late_make, s->make_user = p;
     if (p->opt.interpret) s->call = interpret, s->call_user = p;
 }
 
@@ -203,18 +204,16 @@ BackOptions api_compiled_with(const SltProgram *p, int kind) {
     return back_options(p, p->compiled_few[kind], 0, p->compiled_level[kind]);
 }
 
-/* One module of n kernels; NULL: none, and the request says why. few, plain: see BackOptions. */
-static CompiledModule *compile(Session *s, Request *q, const KernelRequest *req, uint32_t n, uint64_t few,
-                               uint64_t plain, unsigned opt_level) {
-    SltProgram *p = q->p;
-    BackOptions bo = back_options(p, few, plain, opt_level);
+CompiledModule *api_compile_module(SltProgram *p, Session *s, const KernelRequest *req, uint32_t n, uint64_t few,
+                                   uint64_t plain, unsigned level, SltError *err) {
+    BackOptions bo = back_options(p, few, plain, level);
     CompiledModule *m = NULL;
     const char *why = NULL;
     double start = now_ms(), emit, llvm;
     int status = back_compile(s, req, n, &bo, &m, &why);
     p->ms_llvm += now_ms() - start;
     if (status != SLT_OK) {
-        q->status = status_fail(q->err, (SltStatus)status, "%s", why ? why : "the back end failed");
+        status_fail(err, (SltStatus)status, "%s", why ? why : "the back end failed");
         return NULL;
     }
     p->modules[p->nmodules++] = m;
@@ -237,6 +236,16 @@ static bool takes_few(const SltProgram *p, int kind) {
     bool listed = false;
     for (uint32_t i = 0; i < SLT_MAX_CULL; i++) listed |= p->list_noted[i] != 0;
     return listed && is_of_boxes(kind);
+}
+
+static void put_off(SltProgram *p, int kind, const KernelRequest *req, bool few, bool plain, unsigned level) {
+    LateKernels *l = &p->late;
+    l->few |= (uint64_t)few << l->n, l->plain |= (uint64_t)plain << l->n, l->level = level;
+    l->kind[l->n] = (SltKernelKind)kind, l->request[l->n++] = *req;
+    p->scene.kernel[kind] = slt_kernel_late;
+    BackOptions o = back_options(p, few, plain, level);
+    uint32_t width = back_width_choice(req, 0, &o).lanes;
+    if (width > p->scene.widest) p->scene.widest = width;
 }
 
 static void build_body(Session *s, void *arg) {
@@ -282,20 +291,23 @@ static void build_body(Session *s, void *arg) {
         p->scene.tape_grows |= set.tape[k].grows;
         p->compiled_few[k] = !is_long(&set, k) && takes_few(p, k);
         p->compiled_level[k] = is_long(&set, k) ? 0 : (uint8_t)level;
+        const KernelRequest this = {kernel_names[k], set.fn[k]};
         if (p->opt.interpret) p->scene.kernel[k] = interpreted;
+        else if (q->late[k]) put_off(p, k, &this, p->compiled_few[k], is_long(&set, k), level);
         else {
             few |= (uint64_t)p->compiled_few[k] << n;
             plain |= (uint64_t)is_long(&set, k) << n;
-            req[n++] = (KernelRequest){kernel_names[k], set.fn[k]};
+            req[n++] = this;
         }
     }
     if (q->cull)
         for (uint32_t c = 0; c < p->prog->ncull; c++)
             req[n++] = (KernelRequest){arena_printf(&s->module, "cull%u", c), p->prog->cull_bounds[c]};
-    CompiledModule *m = n ? compile(s, q, req, n, few, plain, level) : NULL;
+    CompiledModule *m = n ? api_compile_module(p, s, req, n, few, plain, level, q->err) : NULL;
+    if (n && !m) q->status = q->err->status;
     if (!m) return;
     for (int k = 0; k < K_KINDS; k++) {
-        if (!set.fn[k]) continue;
+        if (!set.fn[k] || q->late[k]) continue;
         p->scene.kernel[k] = back_kernel(m, kernel_names[k]);
         p->module_of[k] = m;
         uint32_t width = back_width(m, kernel_names[k]);
@@ -323,7 +335,9 @@ static bool runs_here(const SltProgram *p) {
     return p->opt.interpret || target_runs(&p->target, &here);
 }
 
-SltStatus api_kernels_unrun(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
+static SltStatus make_kernels(SltProgram *p, const bool needs[K_KINDS], const bool *late, SltError *err) {
+    SltError own;
+    if (!err) err = &own;
     if (!p->prog) return status_fail(err, SLT_USAGE, "the program did not compile");
     SltStatus refused = refuse_many_sites(p, needs, err);
     if (refused != SLT_OK) return refused;
@@ -333,12 +347,13 @@ SltStatus api_kernels_unrun(SltProgram *p, const bool needs[K_KINDS], SltError *
     for (int k = 0; k < K_KINDS; k++) {
         q.needs[k] = needs[k] && (!p->tried[k] || (k == K_SIDES && q.cells && !p->fn[k]));
         if (k == K_SITE && p->prog->primal->nsites > LONE_SITE_KERNEL) q.needs[k] = false;
+        q.late[k] = q.needs[k] && late && late[k];
         any |= q.needs[k];
     }
     /* The two adjoint kernels share a layout: they are compiled together. */
     if (q.needs[K_VJP] != q.needs[K_SITE_VJP] && needs[K_VJP] && needs[K_SITE_VJP])
         q.needs[K_VJP] = q.needs[K_SITE_VJP] = true;
-    if (any && p->nmodules + 1 >= sizeof p->modules / sizeof *p->modules)
+    if (any && p->nmodules + 2 >= sizeof p->modules / sizeof *p->modules)
         api_free_kernels(p), memcpy(q.needs, needs, sizeof q.needs);
     if (any) {
         q.cull = p->prog->ncull > 0 && (!p->cull_kernels || !p->cull_kernels[0]) && !p->opt.interpret;
@@ -346,22 +361,32 @@ SltStatus api_kernels_unrun(SltProgram *p, const bool needs[K_KINDS], SltError *
         if (unwound) return status_fail(err, (SltStatus)unwound, "%s", p->session->unwind_text);
         if (q.status != SLT_OK) return q.status;
     }
+    SltStatus status = !late && api_late_any(p, needs) ? api_late_compile(p, err) : SLT_OK;
+    if (status != SLT_OK) return status;
     fill_scene(p);
-    SltStatus status = api_derived_kernels(p, needs, err);
+    status = api_derived_kernels(p, needs, err);
     if (status == SLT_OK && runs_here(p)) status = api_derived_follow(p, p->scene.iparams, err);
     if (status == SLT_OK) status = api_geometries(p, err);
     if (status != SLT_OK) return status;
     return SLT_OK;
 }
 
-SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
+SltStatus api_kernels_unrun(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
+    return make_kernels(p, needs, NULL, err);
+}
+
+SltStatus api_kernels_late(SltProgram *p, const bool needs[K_KINDS], const bool *late, SltError *err) {
     if (!runs_here(p)) {
         Target here;
         target_named(&here, "native");
         return status_fail(err, SLT_USAGE, "kernels for the target `%s` do not run on this processor (%s): use native",
                            p->opt.target, here.cpu);
     }
-    return api_kernels_unrun(p, needs, err);
+    return make_kernels(p, needs, late, err);
+}
+
+SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
+    return api_kernels_late(p, needs, NULL, err);
 }
 
 void api_forget_gradients(SltProgram *p) {
@@ -377,6 +402,7 @@ void api_forget_gradients(SltProgram *p) {
 }
 
 void api_free_kernels(SltProgram *p) {
+    api_late_free(p);
     for (uint32_t m = 0; m < p->nmodules; m++) back_free(p->modules[m]);
     p->nmodules = 0;
     memset(p->fn, 0, sizeof p->fn);

@@ -244,6 +244,7 @@ static SltStatus compile(const char *path, const char *text, const char *shown, 
         return SLT_LIMIT;
     }
     *out = p;
+    pthread_mutex_init(&p->late.lock, NULL);
     SltOptions *o = &p->opt;
     *o = SLT_OPTIONS_INIT;
     if (opt && !api_struct_read(o, sizeof *o, opt)) return api_struct_unknown(&p->error, "SltOptions");
@@ -331,6 +332,7 @@ void slt_program_free(SltProgram *p) {
     free(p->asset_loaded);
     for (size_t i = 0; i < sizeof p->text / sizeof *p->text; i++) free(p->text[i]);
     session_destroy(p->session);
+    pthread_mutex_destroy(&p->late.lock);
     free(p);
 }
 

@@ -186,20 +186,26 @@ static void run(Batch *b, SltKernelKind kind, SltKernel *kernel, uint32_t n) {
 }
 #endif
 
-static void call(Batch *b, SltKernelKind kind, SltKernel *kernel, uint32_t n) {
-    assert(kernel && n <= BATCH);
-    uint32_t step = b->s->call || !b->s->widest ? (uint32_t)SLT_PAD : b->s->widest, end = (n + step - 1) / step * step;
-    b->layout = &b->s->layout[kind];
-    b->args.n_valid = n;
-    if (end != n) pad(b, n, end);
-    run(b, kind, kernel, n);
-}
-
 void batch_stop(Batch *b, SltKernelKind kind) {
     b->layout = &b->s->layout[kind];
     for (uint32_t r = 0; r < SLT_ROLES; r++)
         for (uint32_t k = 0; k < b->layout->out[r].count; k++)
             memset(b->args.out[b->layout->out[r].first + k], 0, slot_bytes(b));
+}
+
+void slt_kernel_late(SltKernelArgs *args, uint32_t n) { (void)args, (void)n; }
+
+static void call(Batch *b, SltKernelKind kind, SltKernel *kernel, uint32_t n) {
+    assert(kernel && n <= BATCH);
+    if (kernel == slt_kernel_late && !(kernel = b->s->make(b->s->make_user, (int)kind))) {
+        batch_stop(b, kind);
+        return;
+    }
+    uint32_t step = b->s->call || !b->s->widest ? (uint32_t)SLT_PAD : b->s->widest, end = (n + step - 1) / step * step;
+    b->layout = &b->s->layout[kind];
+    b->args.n_valid = n;
+    if (end != n) pad(b, n, end);
+    run(b, kind, kernel, n);
 }
 
 void batch_call(Batch *b, SltKernelKind kind, uint32_t n) {

@@ -49,8 +49,11 @@ typedef struct SltScene {
     void (*call)(void *user, int kind, SltKernelArgs *args, uint32_t n);
     void *call_user;
     SltKernel *kernel[SLT_KERNELS]; /* by SltKernelKind; those of CULL are in cull_bounds */
-    SltLayout layout[SLT_KERNELS];  /* what they read, and where their outputs are */
-    bool f64;                       /* flt is double */
+    /* Compiles what slt_kernel_late stands for in `kernel`, on the thread that calls it first. NULL: it could not. */
+    SltKernel *(*make)(void *user, int kind);
+    void *make_user;
+    SltLayout layout[SLT_KERNELS]; /* what they read, and where their outputs are */
+    bool f64;                      /* flt is double */
     const uint8_t *dense; /* [nfloats]: 1 where a kernel may add to adj; the others get their adjoints through the log
                              alone. NULL: all */
     bool site_logs;       /* SITE_VJP adds to adj nowhere */
@@ -145,6 +148,9 @@ bool slt_estimate_has_choice(const SltScene *s, const SltJob *j);
 /* SLT_EST_LATTICE instead of SLT_EST_AUTO where a look at the program's bounds on a few hundred boxes is enough to see
  * that cells will not pay, which needs the kernel `bounds` alone. Else the job's estimator. */
 SltEstimator slt_estimate_choose(const SltScene *s, const SltJob *j, SltStats *stats);
+
+/* A place holder in SltScene.kernel, compared and never called: the kernel is compiled when first called. */
+void slt_kernel_late(SltKernelArgs *args, uint32_t n);
 
 /* out[((z*h + y)*w + x)*channels + c], top row first; in integral mode out[channels]. Sampled, unless the estimator is
  * SLT_EST_QUADRATURE or the interior SLT_INTERIOR_QUADRATURE. `half` 0: all samples of a pixel;

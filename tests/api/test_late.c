@@ -1,0 +1,88 @@
+/* Kernels that are compiled when first called: those of lines, where cells integrate. */
+#include "bindings/c/api.h"
+#include "tests/api/program.h"
+
+static const char disc[] = "[Range(0.1, 0.9)] param float r = 0.5;\n"
+                           "[Domain(-1.0, 1.0)] shader float main(float2 x) {\n"
+                           "    float f = 0.25;\n"
+                           "    [Disc] if (length(x) < r) f = 1.0;\n"
+                           "    return f;\n"
+                           "}\n";
+/* Where the discs touch cells stay open, whatever their size: lines take over. */
+static const char touching[] = "param float r = 0.5;\n"
+                               "[Domain(-1.0, 1.0)] shader float main(float2 x) {\n"
+                               "    float f = 0.25;\n"
+                               "    [Disc] if (length(x - float2(0.5, 0.0)) < r) f = 1.0;\n"
+                               "    [Disc] if (length(x + float2(0.5, 0.0)) < r) f = 0.5;\n"
+                               "    [Disc] if (sin(40.0 * x.y) * x.x < 0.3 * rand()) f += 0.125;\n"
+                               "    return f;\n"
+                               "}\n";
+
+static double gradient_of(SltProgram *p, SltEstimator estimator, uint32_t threads) {
+    SltJob job = SLT_JOB_INIT;
+    SltError err;
+    double gradient[1];
+    SltIntegral out = SLT_INTEGRAL_INIT;
+    out.gradient = gradient;
+    job.integral = true, job.samples = 1 << 12, job.estimator = estimator, job.threads = threads;
+    assert_ok(slt_grad_integral(p, &job, &out, NULL, &err));
+    return *gradient;
+}
+
+/* A certified gradient calls none of them; an image does, and has the bits of a program that compiled all at once. */
+static void wait_until_called(void **state) {
+    (void)state;
+    SltError err;
+    SltProgram *p = compile(disc), *fresh = compile(disc);
+    gradient_of(p, SLT_EST_QUADRATURE, 1);
+    assert_true(p->late.n > 0);
+    assert_ptr_equal(p->scene.kernel[K_VALUE], slt_kernel_late);
+    assert_null(p->module_of[K_VALUE]);
+    float late[16 * 16], now[16 * 16];
+    SltJob job = SLT_JOB_INIT;
+    job.size[0] = job.size[1] = 16;
+    assert_ok(slt_render(p, &job, late, NULL, &err));
+    assert_int_equal(p->late.n, 0);
+    assert_ptr_not_equal(p->scene.kernel[K_VALUE], slt_kernel_late);
+    assert_non_null(p->module_of[K_VALUE]);
+    assert_ok(slt_render(fresh, &job, now, NULL, &err));
+    assert_memory_equal(late, now, sizeof now);
+    slt_program_free(p), slt_program_free(fresh);
+}
+
+/* Made by a thread of the estimate that calls them first, they are in their place behind it. */
+static void made_in_an_estimate(void **state) {
+    (void)state;
+    double by_threads[2];
+    for (uint32_t t = 0; t < 2; t++) {
+        SltProgram *p = compile(touching);
+        by_threads[t] = gradient_of(p, SLT_EST_QUADRATURE, 1 + 7 * t);
+        assert_int_equal(p->late.n, 0);
+        assert_ptr_not_equal(p->scene.kernel[K_EVENT], slt_kernel_late);
+        assert_null(p->late.module);
+        slt_program_free(p);
+    }
+    assert_true(by_threads[0] == by_threads[1] && by_threads[0] != 0);
+}
+
+/* What forgets kernels forgets those that wait; what asks for lines gets them at once. */
+static void forgotten_and_asked_for(void **state) {
+    (void)state;
+    SltError err;
+    static const char *const wrt[] = {"r"};
+    SltProgram *p = compile(disc), *fresh = compile(disc);
+    gradient_of(p, SLT_EST_QUADRATURE, 1);
+    assert_ok(slt_wrt(p, wrt, 1, &err));
+    double lines = gradient_of(p, SLT_EST_LATTICE, 2);
+    assert_int_equal(p->late.n, 0);
+    assert_true(lines == gradient_of(fresh, SLT_EST_LATTICE, 1));
+    api_free_kernels(p);
+    assert_true(gradient_of(p, SLT_EST_QUADRATURE, 2) == gradient_of(fresh, SLT_EST_QUADRATURE, 1));
+    slt_program_free(p), slt_program_free(fresh);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(wait_until_called), cmocka_unit_test(made_in_an_estimate),
+                                       cmocka_unit_test(forgotten_and_asked_for)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
