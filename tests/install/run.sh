@@ -20,7 +20,9 @@ cat >"$prefix/share/saltus/stdlib/only_installed.salt" <<'SALT'
 // The stand-in for a module of an installation.
 float disc_of_the_installed(float2 x, float r) { return length(x) - r; }
 SALT
-[ -s "$prefix/share/man/man1/saltus.1" ] || fail "no manual page"
+for page in man1/saltus.1 man1/saltus-render.1 man3/saltus.3; do
+    [ -s "$prefix/share/man/$page" ] || fail "no manual page $page"
+done
 for f in bash-completion/completions/saltus zsh/site-functions/_saltus fish/vendor_completions.d/saltus.fish; do
     [ -s "$prefix/share/$f" ] || fail "no completion $f"
 done
