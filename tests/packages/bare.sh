@@ -15,7 +15,7 @@ mkdir -p "$root/packages"
 cp "$packages"/*.deb "$packages"/Packages "$root/packages/"
 echo 'deb [trusted=yes] file:/packages ./' >"$root/etc/apt/sources.list.d/saltus.list"
 inside 'apt-get update -q' >/dev/null
-left() { inside "find / -xdev \( -path /proc -o -path /packages -o -path /root -o -path /tmp -o -path /var/cache/apt -o -path /var/lib/apt \) -prune \
+left() { inside "find / -xdev \( -path /proc -o -path /packages -o -path /root -o -path /tmp -o -path /var/cache/apt -o -path /var/cache/man -o -path /var/lib/apt \) -prune \
     -o -iname '*saltus*' -print | grep -v '^/etc/apt/sources.list.d/saltus.list$' || true"; }
 [ -z "$(left)" ] || fail "there is something of saltus before anything is installed: $(left)"
 

@@ -101,9 +101,9 @@ class Debian(unittest.TestCase):
     def test_symbols_are_those_of_the_library(self):
         path = DEBIAN / f"{library()}.symbols"
         lines = path.read_text().splitlines() if path.exists() else []
-        since = {line.split("@")[0].strip(): line.split()[1] for line in lines[1:]}
+        since = {line.split("@")[0].strip(): line.split()[1] for line in lines if line.startswith(" ")}
         want = exported()
-        text = f"{soname()} {library()} #MINVER#\n" + "".join(f" {s}@Base {since.get(s, cache('CMAKE_PROJECT_VERSION'))}\n" for s in want)
+        text = f"{soname()} {library()} #MINVER#\n* Build-Depends-Package: libsaltus-dev\n" + "".join(f" {s}@Base {since.get(s, cache('CMAKE_PROJECT_VERSION'))}\n" for s in want)
         gone = sorted(set(since) - set(want))
         if os.environ.get("BLESS"):
             path.write_text(text)
