@@ -371,10 +371,12 @@ static const char *declaration_end(const char *s) {
     return s;
 }
 
-static bool is_function(const char *s, const char *end) {
+/* The name of the function that is declared; NULL where something else is. Its length goes to *n. */
+static const char *function_name(const char *s, const char *end, size_t *n) {
     const char *open = memchr(s, '(', (size_t)(end - s)), *name = open;
     while (name && name > s && (isalnum((unsigned char)name[-1]) || name[-1] == '_')) name--;
-    return open && !strncmp(name, "slt_", 4);
+    *n = (size_t)(open - name);
+    return open && !strncmp(name, "slt_", 4) ? name : NULL;
 }
 
 /* A word of English, not of C, gets a capital. */
@@ -398,8 +400,9 @@ static bool put_heading(FILE *out, char *text) {
     return *text != 0;
 }
 
-/* The functions of a header, in its order, each below the comment that stands there. Types are left to the header. */
-static int put_functions(FILE *out, const char *s) {
+/* The functions of a header, in its order, each below the comment that stands there; into `names` how they are called.
+ * Types are left to the header. */
+static int put_functions(FILE *out, FILE *names, const char *page, const char *s) {
     char *comment = NULL; /* of what follows */
     bool in_code = false, fresh = true;
     int count = 0;
@@ -420,7 +423,10 @@ static int put_functions(FILE *out, const char *s) {
                 comment = NULL;
             }
         } else if (*s != '#' && *s != 'e') {
-            bool wanted = is_function(s, end);
+            size_t n;
+            const char *name = function_name(s, end, &n);
+            bool wanted = name != NULL;
+            if (wanted && (n != strlen(page) || strncmp(name, page, n))) fprintf(names, ", %.*s", (int)n, name);
             if (wanted && comment) put_blocks(out, comment, comment + strlen(comment), fresh, false);
             if (wanted && !in_code) begin_code(out, fresh && !comment);
             if (wanted) fresh = false, in_code = true, count++;
@@ -448,19 +454,28 @@ static void put_header(FILE *out, int h) {
     assert_non_null(text);
     const char *behind;
     char *about = comment_text(text, &behind);
+    char *functions = NULL, *names = NULL;
+    size_t size;
+    FILE *part = open_memstream(&functions, &size), *list = open_memstream(&names, &size);
+    assert_true(part && list);
+    fprintf(list, "%s", headers[h].page);
+    int count = put_functions(part, list, headers[h].page, behind);
+    fclose(part);
+    fclose(list);
+    assert_true(count > 0);
     put_title(out, headers[h].page, 3, "Library Functions");
-    fprintf(out, ".SH NAME\n%s \\- %s\n.SH SYNOPSIS\n.nf\n\\fB#include <saltus/%s>\\fR\n\n", headers[h].page,
-            headers[h].what, headers[h].header);
+    fputs(".SH NAME\n", out); /* of all functions: `man slt_render` finds the page by it */
+    put_filled(out, names, names + strlen(names), false);
+    fprintf(out, "\\- %s\n.SH SYNOPSIS\n.nf\n\\fB#include <saltus/%s>\\fR\n\n", headers[h].what, headers[h].header);
     put_code(out, link_line, link_line + strlen(link_line));
     fputs(".fi\n.SH DESCRIPTION\n", out);
     put_blocks(out, about, about + strlen(about), true, false);
-    fputs(".SH FUNCTIONS\n", out);
-    int count = put_functions(out, behind);
-    fprintf(out, ".SH SEE ALSO\n.BR saltus (1)");
+    fprintf(out, ".SH FUNCTIONS\n%s.SH SEE ALSO\n.BR saltus (1)", functions);
     for (int other = 0; other < NHEADERS; other++)
         if (other != h) fprintf(out, ",\n.BR %s (3)", headers[other].page);
     fputs("\n.PP\nThe structs and enums are in the header, with a comment on each member.\n", out);
-    assert_true(count > 0);
+    free(functions);
+    free(names);
     free(about);
     free(text);
 }
@@ -548,7 +563,7 @@ static void headers_with_functions_have_pages(void **state) {
         char *text = read_text(path);
         assert_non_null(text);
         for (int h = 0; h < NHEADERS; h++) known |= !strcmp(headers[h].header, e->d_name);
-        bool functions = put_functions(nowhere, text) > 0;
+        bool functions = put_functions(nowhere, nowhere, "", text) > 0;
         if (functions && !known) print_error("saltus/%s declares functions and has no row in this test\n", e->d_name);
         missing += functions && !known;
         found += functions;

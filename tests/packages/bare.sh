@@ -55,7 +55,7 @@ done
 
 echo "packages: libsaltus-dev and manual pages"
 inside 'apt-get install -q -y --no-install-recommends libsaltus-dev saltus-examples gcc libc6-dev pkg-config man-db' >"$root/tmp/apt.log" 2>&1 || { tail -20 "$root/tmp/apt.log"; fail "libsaltus-dev"; }
-for page in saltus saltus-grad "3 saltus" slt_fit; do
+for page in saltus saltus-grad "3 saltus" slt_fit slt_render; do
     inside "man $page | grep -q SYNOPSIS" || fail "man $page"
 done
 inside 'cd /tmp && cat >p.c && gcc -std=c17 -Wall -Werror p.c $(pkg-config --cflags --libs saltus) -o p && ./p && ldd p | grep -q libsaltus.so.0' <<'E2' || fail "a program in C"
