@@ -224,7 +224,7 @@ static void put_blocks(FILE *out, const char *s, const char *to, bool first, boo
 }
 
 /* The text below `heading` of docs/command.md, up to the next of its rank. */
-static void put_section(FILE *out, const char *page, const char *heading) {
+static void put_section(FILE *out, const char *page, const char *heading, bool first) {
     const char *from = strstr(page, heading);
     if (!from) {
         print_error("docs/command.md has no%s", heading);
@@ -232,7 +232,7 @@ static void put_section(FILE *out, const char *page, const char *heading) {
     }
     from += strlen(heading);
     const char *to = strstr(from, "\n## ");
-    put_blocks(out, from, to ? to + 1 : from + strlen(from), true, true);
+    put_blocks(out, from, to ? to + 1 : from + strlen(from), first, true);
 }
 
 /* ---- the command */
@@ -291,7 +291,7 @@ static void put_options(FILE *out, int v) {
 }
 
 static void put_verb(FILE *out, int v, const char *page) {
-    char name[64], heading[64];
+    char name[64], heading[64], what[256];
     snprintf(name, sizeof name, "saltus-%s", verbs[v].name);
     put_title(out, name, 1, "User Commands");
     fprintf(out, ".SH NAME\nsaltus\\-%s \\- ", verbs[v].name);
@@ -299,12 +299,14 @@ static void put_verb(FILE *out, int v, const char *page) {
     fputs("\n.SH SYNOPSIS\n", out);
     put_usage(out, v);
     fputs(" [\\fIOPTION\\fR ...]\n.SH DESCRIPTION\n", out);
+    snprintf(what, sizeof what, "%c%s.", toupper((unsigned char)*verbs[v].what), verbs[v].what + 1);
+    put_text(out, what);
     snprintf(heading, sizeof heading, "\n## %s\n", verbs[v].name);
-    put_section(out, page, heading);
+    put_section(out, page, heading, false);
     fputs(".SH OPTIONS\n", out);
     put_options(out, v);
     fputs(".SH EXIT STATUS\n", out);
-    put_section(out, page, "\n## Exit status\n");
+    put_section(out, page, "\n## Exit status\n", true);
     fputs(".SH EXAMPLES\n", out);
     begin_code(out, true);
     put_code(out, verbs[v].example, verbs[v].example + strlen(verbs[v].example));
@@ -333,7 +335,7 @@ static void put_command(FILE *out, const char *page, const char *old) {
     fputs(".SH OPTIONS\n", out);
     for (int i = 0; i < NOPTIONS; i++) put_option(out, i, true);
     fputs(".SH EXIT STATUS\n", out);
-    put_section(out, page, "\n## Exit status\n");
+    put_section(out, page, "\n## Exit status\n", true);
     fprintf(out, "%.*s.SH SEE ALSO\n", (int)(also - environment), environment);
     for (int v = 0; v < VERB_COUNT; v++) fprintf(out, ".BR saltus\\-%s (1),\n", verbs[v].name);
     fputs(".BR saltus (3)\n", out);
