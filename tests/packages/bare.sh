@@ -74,6 +74,12 @@ int main(void) {
 E2
 inside 'cp -r /usr/share/doc/saltus-examples/examples /tmp/ && cd /tmp/examples && ./run circle --quick' >"$root/tmp/run.log" 2>&1 || { tail "$root/tmp/run.log"; fail "examples/run circle"; }
 
+# The ten lines that docs/python.md begins with, beside the files that they name.
+here=$(cd "$(dirname "$0")" && pwd)
+awk '/^## Ten lines/ { there = 1 } there && /^```python/ { on = 1; next } on && /^```/ { exit } on' "$here/../../docs/python.md" >"$root/tmp/ten.py"
+[ -s "$root/tmp/ten.py" ] || fail "docs/python.md has no ten lines"
+inside 'cd /tmp/examples/painterly_discs && python3 /tmp/ten.py && test -s discs.png' || fail "the ten lines of docs/python.md"
+
 echo "packages: purge"
 inside 'apt-get purge -q -y saltus libsaltus0 libsaltus-dev python3-saltus saltus-examples' >"$root/tmp/apt.log" 2>&1 || { tail -20 "$root/tmp/apt.log"; fail "purge"; }
 [ -z "$(left)" ] || fail "purge leaves: $(left)"
