@@ -21,8 +21,11 @@ endif()
 install(TARGETS saltus-static saltus-shared EXPORT saltus ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}
   INCLUDES DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
 install(DIRECTORY include/saltus DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} FILES_MATCHING PATTERN "*.h" PATTERN "*.def")
-install(DIRECTORY stdlib/ DESTINATION ${CMAKE_INSTALL_DATADIR}/saltus/stdlib FILES_MATCHING PATTERN "*.salt")
-install(FILES docs/saltus.1 DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
+install(DIRECTORY stdlib/ DESTINATION ${SALTUS_STDLIB_DIR} FILES_MATCHING PATTERN "*.salt")
+foreach(section 1 3)
+  file(GLOB PAGES CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/docs/man/*.${section})
+  install(FILES ${PAGES} DESTINATION ${CMAKE_INSTALL_MANDIR}/man${section})
+endforeach()
 install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR})
 
 # The Python package, where the Python that is found looks below the prefix (Debian: lib/python3/dist-packages of /usr,

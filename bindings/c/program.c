@@ -47,6 +47,10 @@ static const char *stdlib_beside(Session *s, const char *file, const char *dir) 
     return NULL;
 }
 
+#ifndef SALTUS_STDLIB_BESIDE
+#define SALTUS_STDLIB_BESIDE "share/saltus/stdlib" /* below the prefix */
+#endif
+
 /* The first there is: what the caller says, what the environment says, what lies beside the library, the tree that the
  * library was built from, also where it has been moved, and where it was meant to be installed. */
 static const char *find_stdlib(Session *s, const SltOptions *opt) {
@@ -54,7 +58,7 @@ static const char *find_stdlib(Session *s, const SltOptions *opt) {
     const char *env = getenv("SALTUS_STDLIB");
     if (env && *env) return env;
     char *file = own_file();
-    const char *beside = stdlib_beside(s, file, "share/saltus/stdlib");
+    const char *beside = stdlib_beside(s, file, SALTUS_STDLIB_BESIDE);
 #ifdef SALTUS_STDLIB_SOURCE
     if (!beside && access(SALTUS_STDLIB_SOURCE, R_OK) == 0) beside = SALTUS_STDLIB_SOURCE;
 #endif

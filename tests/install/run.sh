@@ -14,13 +14,15 @@ fail() { echo "install: $*" >&2; exit 1; }
 cmake --install "$build" --prefix "$scratch/first" >"$scratch/install.log"
 mv "$scratch/first" "$scratch/moved"
 prefix=$scratch/moved
-unset SALTUS_STDLIB LD_LIBRARY_PATH
+unset SALTUS_STDLIB LD_LIBRARY_PATH PYTHONPATH
 export XDG_CACHE_HOME=$scratch/cache
 cat >"$prefix/share/saltus/stdlib/only_installed.salt" <<'SALT'
 // The stand-in for a module of an installation.
 float disc_of_the_installed(float2 x, float r) { return length(x) - r; }
 SALT
-[ -s "$prefix/share/man/man1/saltus.1" ] || fail "no manual page"
+for page in man1/saltus.1 man1/saltus-render.1 man3/saltus.3; do
+    [ -s "$prefix/share/man/$page" ] || fail "no manual page $page"
+done
 for f in bash-completion/completions/saltus zsh/site-functions/_saltus fish/vendor_completions.d/saltus.fish; do
     [ -s "$prefix/share/$f" ] || fail "no completion $f"
 done
@@ -100,13 +102,19 @@ SALTUS_STDLIB=$prefix/share/saltus/stdlib ./by_archive || fail "the pkg-config -
 
 # The lines that the installation ends with make a shell, the linker and pkg-config find it.
 sed -n "s|$scratch/first|$prefix|; /^ *export /p" install.log >lines
-[ "$(wc -l <lines)" -eq 3 ] || { cat install.log; fail "not the lines that a prefix elsewhere needs"; }
+python_dir=$(sed -n 's/^SALTUS_PYTHON_DIR:[^=]*=//p' "$build/CMakeCache.txt")
+[ "$(wc -l <lines)" -eq $((3 + (${#python_dir} > 0))) ] || { cat install.log; fail "not the lines that a prefix elsewhere needs"; }
 (
     unset PKG_CONFIG_PATH
     . ./lines
     [ "$(command -v saltus)" = "$prefix/bin/saltus" ] || fail "PATH, as the installation gives it"
     $CC "$here/consumer/consumer.c" -o by_lines $(pkg-config --cflags --libs saltus) -lm || fail "PKG_CONFIG_PATH, as the installation gives it"
     ./by_lines || fail "LD_LIBRARY_PATH, as the installation gives it"
+    if [ -n "$python_dir" ] && python3 -c 'import numpy' 2>/dev/null; then
+        found=$(python3 -c 'import saltus; saltus.compile("import only_installed; shader float main(float2 x) { return x.x; }"); print(saltus.library_path)') ||
+            fail "PYTHONPATH, as the installation gives it"
+        [[ $(realpath "$found") == "$(realpath "$prefix")"/* ]] || fail "the module of the installation loads $found"
+    fi
 )
 
 # The program with a loss of its own in docs/library.md does what the page says it prints.
