@@ -29,7 +29,7 @@ typedef struct Job {
     int64_t version;
     double began, arrived; /* arrived: of the line in `held` */
     char *held;            /* what the front end says, while the rest is awaited */
-    bool told;             /* something was published */
+    bool told;             /* and that was published */
     struct Job *next;
 } Job;
 
@@ -196,9 +196,8 @@ static void take_step(Loop *l, Job *j, const char *line) {
         if (last) {
             publish_step(l, d, step);
             j->told = true;
-            free(j->held);
-            j->held = NULL;
         } else {
+            free(j->held);
             j->held = cli_need(strdup(line));
             j->arrived = cli_now();
         }
@@ -211,8 +210,6 @@ static void tell_held(Loop *l, Job *j) {
     json_t *step = j->held ? json_loads(j->held, JSON_ALLOW_NUL, NULL) : NULL;
     if (step && d && d->version == j->version) publish_step(l, d, step), j->told = true;
     json_decref(step);
-    free(j->held);
-    j->held = NULL;
 }
 
 static const char *ending(char *buffer, size_t size, int status, bool late) {
@@ -223,33 +220,36 @@ static const char *ending(char *buffer, size_t size, int status, bool late) {
     return buffer;
 }
 
+/* Of an analysis that did not come to its end: what was known by then, and that. */
+static void tell_ending(Loop *l, Document *d, const char *held, const char *what, bool late) {
+    json_t *step = held ? json_loads(held, JSON_ALLOW_NUL, NULL) : NULL;
+    if (!step) step = json_pack("{s:[{s:s,s:[]}]}", "files", "uri", d->uri, "diagnostics");
+    json_t *list = json_object_get(json_array_get(json_object_get(step, "files"), 0), "diagnostics");
+    json_array_append_new(list, json_pack("{s:{s:{s:i,s:i},s:{s:i,s:i}},s:i,s:s,s:s,s:s}", "range", "start", "line", 0,
+                                          "character", 0, "end", "line", 0, "character", 0, "severity", late ? 3 : 1,
+                                          "code", late ? "limit" : "internal", "source", "saltus", "message", what));
+    publish_step(l, d, step);
+    json_decref(step);
+}
+
 /* The job has written all it will, or its time is over. */
 static void job_finish(Loop *l, Job *j, bool late) {
     char text[96];
-    json_t *id = json_incref(j->id);
-    char *uri = cli_need(strdup(j->uri)), *result = NULL;
-    size_t n = j->len;
-    bool told = j->told;
-    if (!id && j->held) tell_held(l, j), told = true;
-    result = j->data, j->data = NULL;
-    int64_t version = j->version;
+    Job was = *j;
+    json_incref(j->id);
+    j->data = j->held = j->uri = NULL; /* these are kept for what follows */
     int status = job_end(l, j, late);
     bool good = !late && WIFEXITED(status) && WEXITSTATUS(status) == 0;
-    Document *d = server_document(&l->s, uri);
-    if (id && good && n) send_result(l, id, result, n);
-    else if (id)
-        send_error(l, id, late ? RPC_REQUEST_FAILED : RPC_INTERNAL_ERROR, ending(text, sizeof text, status, late));
-    else if (!good && !told && d && d->version == version) {
-        json_t *list =
-            json_pack("[{s:{s:{s:i,s:i},s:{s:i,s:i}},s:i,s:s,s:s,s:s}]", "range", "start", "line", 0, "character", 0,
-                      "end", "line", 0, "character", 0, "severity", late ? 3 : 1, "code", late ? "limit" : "internal",
-                      "source", "saltus", "message", ending(text, sizeof text, status, late));
-        publish(l, uri, d, list);
-        json_decref(list);
-    }
-    json_decref(id);
-    free(uri);
-    free(result);
+    Document *d = server_document(&l->s, was.uri);
+    if (was.id && good && was.len) send_result(l, was.id, was.data, was.len);
+    else if (was.id)
+        send_error(l, was.id, late ? RPC_REQUEST_FAILED : RPC_INTERNAL_ERROR, ending(text, sizeof text, status, late));
+    else if (!good && d && d->version == was.version)
+        tell_ending(l, d, was.held, ending(text, sizeof text, status, late), late);
+    json_decref(was.id);
+    free(was.uri);
+    free(was.held);
+    free(was.data);
 }
 
 /* Reads what a job has written. */
@@ -345,7 +345,8 @@ static bool wait_for(Loop *l, bool input, int timeout) {
     uint32_t n = 0;
     double now = cli_now();
     for (Job *j = l->jobs; j && n < sizeof fds / sizeof *fds - 1; j = j->next) {
-        double left = j->began + LSP_JOB_SECONDS - now, held = j->held ? j->arrived + 1e-3 * HOLD_MS - now : left;
+        double left = j->began + LSP_JOB_SECONDS - now,
+               held = j->held && !j->told ? j->arrived + 1e-3 * HOLD_MS - now : left;
         int ms = (int)(1e3 * (held < left ? held : left)) + 1;
         if (ms < 0) ms = 0;
         if (timeout < 0 || ms < timeout) timeout = ms;
@@ -362,7 +363,7 @@ static bool wait_for(Loop *l, bool input, int timeout) {
     now = cli_now();
     for (Job *j = l->jobs, *next; j; j = next) {
         next = j->next;
-        if (j->held && now >= j->arrived + 1e-3 * HOLD_MS) tell_held(l, j);
+        if (j->held && !j->told && now >= j->arrived + 1e-3 * HOLD_MS) tell_held(l, j);
         if (now >= j->began + LSP_JOB_SECONDS) job_finish(l, j, true);
     }
     return ready;

@@ -153,10 +153,16 @@ def place(text, mark, offset=0):
 
 
 def position(text, at):
-    """UTF-16 units, as the protocol counts without negotiation."""
-    line = text.count("\n", 0, at)
-    start = text.rfind("\n", 0, at) + 1
-    return {"line": line, "character": len(text[start:at].encode("utf-16-le")) // 2}
+    """UTF-16 units, as the protocol counts without negotiation; lines end in LF, CR LF or CR."""
+    before = text[:at]
+    ends = before.count("\n") + before.count("\r") - before.count("\r\n")
+    start = max(before.rfind("\n"), before.rfind("\r")) + 1
+    return {"line": ends, "character": len(text[start:at].encode("utf-16-le")) // 2}
+
+
+def whole(text, at):
+    """The place itself, or the one before a CR LF that it would cut, which no client can name."""
+    return at - 1 if text[at - 1:at + 1] == "\r\n" else at
 
 
 class Case(unittest.TestCase):
