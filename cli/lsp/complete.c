@@ -277,7 +277,6 @@ static void find_where(Session *s, void *arg) {
     else if (last.kind == TOK_DOT) w->run = request_members;
     else if (last.kind == TOK_IMPORT) w->run = request_modules;
     else if (marks && (last.kind == TOK_LBRACKET || last.kind == TOK_COMMA)) w->run = request_attributes;
-    else if ((last.kind == TOK_INT || last.kind == TOK_FLOAT) && end == w->word) w->run = request_nothing;
 }
 
 void request_complete(const Server *server, const Document *d, uint32_t offset, FILE *out) {
@@ -287,9 +286,10 @@ void request_complete(const Server *server, const Document *d, uint32_t offset, 
         return;
     }
     while (w.word && is_word(d->text[w.word - 1])) w.word--;
+    bool number = w.word < offset && d->text[w.word] >= '0' && d->text[w.word] <= '9';
     Session *s = cli_need(session_create(LSP_MEMORY));
     session_add_text(s, d->path, NULL, d->text, d->len);
-    if (session_protect(s, find_where, &w)) w.run = request_nothing;
+    if (session_protect(s, find_where, &w) || number) w.run = request_nothing;
     if (w.run != request_members) {
         analyse_request(server, d, w.run, offset, NULL, out);
         return;

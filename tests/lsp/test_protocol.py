@@ -1,14 +1,14 @@
 """The protocol: frames, order, exit statuses, what must not end the server."""
 import glob
-import json
 import os
 import signal
+import subprocess
 import tempfile
 import time
 import unittest
 from pathlib import Path
 
-from client import SOURCES, Case, Ended, uri_of
+from client import BIN, SOURCES, Case, uri_of
 
 GOOD = "shader float main(float2 x) { return x.x; }\n"
 BAD = "shader float main(float2 x) { return y; }\n"
@@ -58,9 +58,7 @@ class Lifecycle(Case):
             self.assertIn("result", s.answer(s.request("textDocument/" + method, params)), name)
 
     def test_it_says_a_file_is_not_for_it(self):
-        from subprocess import run
-        from client import BIN
-        done = run([BIN, "lsp", "a.salt"], capture_output=True, text=True)
+        done = subprocess.run([BIN, "lsp", "a.salt"], capture_output=True, text=True)
         self.assertEqual(2, done.returncode)
         self.assertIn("takes no FILE", done.stderr)
         self.assertEqual(0, self.server("--stdio").shutdown())
