@@ -276,6 +276,7 @@ static void find_where(Session *s, void *arg) {
     if (in_comment(text, end, w->word)) w->run = request_nothing;
     else if (last.kind == TOK_DOT) w->run = request_members;
     else if (last.kind == TOK_IMPORT) w->run = request_modules;
+    else if ((last.kind == TOK_INT || last.kind == TOK_FLOAT) && end == w->word) w->run = request_nothing; /* `1.` */
     else if (marks && (last.kind == TOK_LBRACKET || last.kind == TOK_COMMA)) w->run = request_attributes;
 }
 

@@ -161,8 +161,9 @@ void span_ends(const Session *s, Span span, bool utf8, SpanEnds ends[2]) {
     for (int k = 0; k < 2; k++) {
         uint64_t pos = (uint64_t)span.pos + (k ? span.len : 0);
         Place p = place_find(src, pos < src->len ? (uint32_t)pos : src->len, k ? &last : NULL);
-        uint32_t bytes = p.pos - source_line_start(src, p.line + src->lead);
-        ends[k] = (SpanEnds){p.line, utf8 ? bytes : p.unit};
+        /* a byte order mark is a character of the document, if an editor has left it there */
+        uint32_t line = p.line + src->lead, mark = source_line_start(src, line) > src->lines[line];
+        ends[k] = (SpanEnds){p.line, utf8 ? p.pos - src->lines[line] : p.unit + mark};
         last = p;
     }
 }

@@ -107,7 +107,7 @@ class Server:
             for k, m in enumerate(self.notes):
                 if m.get("method") == "textDocument/publishDiagnostics" and m["params"]["uri"] == uri and \
                         m["params"].get("version") == version:
-                    del self.notes[:k + 1]
+                    self.notes = [n for i, n in enumerate(self.notes) if i > k or n.get("params", {}).get("uri") != uri]
                     return m["params"]["diagnostics"]
             m = self.read()
             assert m is not None, "no diagnostics"
