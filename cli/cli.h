@@ -34,7 +34,7 @@ enum {
 #define VERB(id, ...) id = 1u << VERB_##id,
 #include "cli/verbs.def"
 #undef VERB
-    ALL = ((1u << VERB_COUNT) - 1) & ~LSP, /* which has no program of its own */
+    ALL = ((1u << VERB_COUNT) - 1) & ~(FORMAT | LSP), /* which compile no program of their own */
     INNER = 1u << 30, /* for those who work on the compiler, or compare: --help-all alone lists it */
     RUN = RENDER | GRAD | FIT | CHECK | BENCH
 };

@@ -140,6 +140,22 @@ class Format(Case):
                     continue  # a line that goes on with one above stands where its author put it
                 self.assertEqual(text, self.format("\n".join(lines)), name)
 
+    def test_the_command_formats_files(self):
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "a.salt"
+            file.write_text(BEFORE)
+            done = subprocess.run([BIN, "format", str(file)], capture_output=True, text=True)
+            self.assertEqual((0, AFTER, ""), (done.returncode, done.stdout, done.stderr))
+            self.assertEqual(BEFORE, file.read_text())
+            self.assertEqual(0, subprocess.run([BIN, "format", str(file), "-o", str(file)]).returncode)
+            self.assertEqual(AFTER, file.read_text())
+            file.write_text("float f( {")
+            done = subprocess.run([BIN, "format", str(file), "-o", str(file)], capture_output=True, text=True)
+            self.assertEqual((3, ""), (done.returncode, done.stdout))
+            self.assertIn("a.salt:1:", done.stderr)
+            self.assertEqual("float f( {", file.read_text())
+            self.assertEqual(4, subprocess.run([BIN, "format", folder + "/none.salt"], capture_output=True).returncode)
+
     def test_formatting_changes_no_program(self):
         """Programs of the tests, their blanks spoiled: the same IR before and after."""
         n = 0
