@@ -148,7 +148,7 @@ const char *gradient_text(Analysis *a, const Name *n) {
     const char *known = early(a, n), *text = NULL, *reached = NULL;
     if (known) return known;
     if (a->has_errors) return "Whether a gradient reaches this is known once the errors are mended.";
-    uint32_t shaders = 0, yes = 0;
+    uint32_t shaders = 0;
     for (Func *f = a->main->funcs; f; f = f->next) {
         if (!f->is_shader) continue;
         shaders++;
@@ -165,7 +165,6 @@ const char *gradient_text(Analysis *a, const Name *n) {
                 add(&x, r, w.seen.data[i].value[k]);
         if (!x.read) continue;
         if (x.both) {
-            yes++;
             reached = reached ? arena_printf(arena, "%s, `%s`", reached, f->name)
                               : arena_printf(arena, "%s In `%s`", tell(a, &x), f->name);
         } else if (!text || x.flags & REACH_USED) {
