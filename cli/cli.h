@@ -34,7 +34,7 @@ enum {
 #define VERB(id, ...) id = 1u << VERB_##id,
 #include "cli/verbs.def"
 #undef VERB
-    ALL = (1u << VERB_COUNT) - 1,
+    ALL = ((1u << VERB_COUNT) - 1) & ~(FORMAT | LSP), /* which compile no program of their own */
     INNER = 1u << 30, /* for those who work on the compiler, or compare: --help-all alone lists it */
     RUN = RENDER | GRAD | FIT | CHECK | BENCH
 };
@@ -126,6 +126,7 @@ struct Cli {
     bool cost;
     /* bound */
     const char *box;
+    bool stdio;                                                        /* lsp: said, and so anyway */
     bool samples_given, iters_given, optimizer_given, estimator_given; /* the option was there */
     char *args_storage[CLI_MAX_KEPT]; /* malloc'd pieces of arguments, which members above point at */
     uint32_t nargs_storage;

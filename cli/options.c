@@ -506,6 +506,11 @@ int cli_parse(int argc, char **argv, Cli *c) {
         if (status != SLT_OK) return status;
         if (o->given) *(bool *)member(c, o->given) = true;
     }
+    if (c->verb->bit == LSP) {
+        if (c->file) return cli_usage(c, "`lsp` takes no FILE: the editor names them");
+        c->quiet = true; /* standard error is a log of the editor */
+        return SLT_OK;
+    }
     if (!c->file && !c->expr) return cli_usage(c, "a FILE (or - or --expr) is wanted");
     if (c->file && c->expr) return cli_usage(c, "FILE and --expr were both given");
     if (c->expr && c->opt.language == SLT_LANGUAGE_GLSL)

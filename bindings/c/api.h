@@ -192,7 +192,10 @@ SltStatus api_derived_follow(SltProgram *p, const int32_t *ints, SltError *err);
 void api_derived_forget(SltProgram *p); /* the kernels that depend on p->wrt */
 void api_derived_free(SltProgram *p);
 
-/* ---- program.c: the source of p with more text behind it and another entry, under the options of p. As
+/* ---- program.c: the folder of the standard library; is a file of this name written in GLSL? */
+const char *api_stdlib(Session *s, const SltOptions *opt);
+bool api_is_glsl(const char *path, SltLanguage language);
+/* The source of p with more text behind it and another entry, under the options of p. As
  * slt_compile_string. */
 SltStatus api_compile_beside(const SltProgram *p, const char *more, const char *entry, SltProgram **out);
 /* The same source, entry and options again, with open arrays as long as in these values (SltOptions.lengths). */

@@ -53,7 +53,7 @@ static const char *stdlib_beside(Session *s, const char *file, const char *dir) 
 
 /* The first there is: what the caller says, what the environment says, what lies beside the library, the tree that the
  * library was built from, also where it has been moved, and where it was meant to be installed. */
-static const char *find_stdlib(Session *s, const SltOptions *opt) {
+const char *api_stdlib(Session *s, const SltOptions *opt) {
     if (opt->stdlib_dir) return opt->stdlib_dir;
     const char *env = getenv("SALTUS_STDLIB");
     if (env && *env) return env;
@@ -92,7 +92,7 @@ static void copy_options(Session *s, void *user) {
     o->dump = copy_string(s, o->dump);
     o->verify_after = copy_string(s, o->verify_after);
     o->stop_after = copy_string(s, o->stop_after);
-    o->stdlib_dir = copy_string(s, find_stdlib(s, o));
+    o->stdlib_dir = copy_string(s, api_stdlib(s, o));
     s->stdlib_dir = o->stdlib_dir, s->import_dirs = o->import_dirs, s->nimport_dirs = o->nimport_dirs;
 }
 
@@ -120,7 +120,7 @@ static SltStatus find_points(SltProgram *p) {
 }
 
 /* By the end of its name, whatever its letters are and with a `.txt` behind. */
-static bool is_glsl(const char *path, SltLanguage language) {
+bool api_is_glsl(const char *path, SltLanguage language) {
     static const char *const ends[] = {".frag", ".fs", ".fsh", ".glsl"};
     if (language != SLT_LANGUAGE_AUTO || !path) return language == SLT_LANGUAGE_GLSL;
     size_t n = strlen(path);
@@ -175,7 +175,7 @@ static void compile_body(Session *s, void *arg) {
     ParamFile *files = ARENA_ARRAY(&s->session, ParamFile, p->opt.nparam_files + 1);
     for (uint32_t i = 0; i < p->opt.nparam_files; i++)
         files[i] = (ParamFile){.name = p->opt.param_files[i].name, .path = p->opt.param_files[i].value};
-    bool glsl = is_glsl(c->path, p->opt.language);
+    bool glsl = api_is_glsl(c->path, p->opt.language);
     ProgramOptions po = {.front = {.entry = p->opt.entry,
                                    .f64 = p->opt.f64,
                                    .files = files,

@@ -153,6 +153,21 @@ void span_position(const Session *s, Span span, uint32_t *line, uint32_t *column
     *column = p.column + 1;
 }
 
+void span_ends(const Session *s, Span span, bool utf8, SpanEnds ends[2]) {
+    ends[0] = ends[1] = (SpanEnds){0};
+    if (span.file < 0 || (uint32_t)span.file >= s->nsources) return;
+    const Source *src = &s->sources[span.file];
+    Place last = {0};
+    for (int k = 0; k < 2; k++) {
+        uint64_t pos = (uint64_t)span.pos + (k ? span.len : 0);
+        Place p = place_find(src, pos < src->len ? (uint32_t)pos : src->len, k ? &last : NULL);
+        /* a byte order mark is a character of the document, if an editor has left it there */
+        uint32_t line = p.line + src->lead, mark = source_line_start(src, line) > src->lines[line];
+        ends[k] = (SpanEnds){p.line, utf8 ? p.pos - src->lines[line] : p.unit + mark};
+        last = p;
+    }
+}
+
 typedef struct Sortable {
     Diag *diag;
     uint32_t order;

@@ -177,6 +177,15 @@ static FILE *open_source(const char *path, const char **why) {
     return f;
 }
 
+const HeldText *session_held(const Session *s, const char *path) {
+    char *full = s->nheld ? realpath(path, NULL) : NULL;
+    const HeldText *found = NULL;
+    for (uint32_t i = 0; i < s->nheld && !found; i++)
+        if (!strcmp(s->held[i].path, full ? full : path)) found = &s->held[i];
+    free(full);
+    return found;
+}
+
 /* Reads at most SOURCE_MAX + 1 bytes, so that an input without an end is a limit and not a hang. Returns an errno
  * value. */
 static int read_all(FILE *f, char **text, size_t *len) {
@@ -199,6 +208,11 @@ static int read_all(FILE *f, char **text, size_t *len) {
 int session_add_file(Session *s, const char *path, const char **why) {
     AddArgs a = {.path = path, .result = -1};
     char *text = NULL;
+    const HeldText *held = session_held(s, path);
+    if (held) {
+        a.text = held->text, a.len = held->len;
+        return added(s, session_protect(s, add_file_body, &a), &a);
+    }
     bool standard_input = !strcmp(path, "-");
     const char *refused = NULL;
     errno = 0; /* a stream that there is no memory for has no words of its own */

@@ -45,6 +45,13 @@ typedef struct Source {
     bool too_large;           /* beyond SOURCE_MAX bytes: text is empty and parse_module reports it */
 } Source;
 
+/* A text in place of the file `path`, whether there is one or not; the caller's. */
+typedef struct HeldText {
+    const char *path; /* without links, where the file is there */
+    const char *text;
+    size_t len;
+} HeldText;
+
 typedef struct DiagNote {
     Span span;
     const char *text;
@@ -83,6 +90,8 @@ typedef struct Session {
     const char *const *import_dirs;
     uint32_t nimport_dirs;
     const char *stdlib_dir;
+    const HeldText *held; /* texts that stand for files: what an editor has not saved yet */
+    uint32_t nheld;
     const char *sandbox; /* the folder that holds all files which sources may name; NULL: they may name any */
     PtrTable strings, reported, array_types;
     bool bad_input; /* an error is of an input file, */
@@ -110,6 +119,9 @@ _Noreturn void ice(Session *s, const char *fmt, ...) __attribute__((format(print
 int session_add_file(Session *s, const char *path, const char **why);
 int session_add_text(Session *s, const char *shown_path, const char *dir, const char *text, size_t len);
 
+/* The text that the session holds in place of this file; NULL: none. */
+const HeldText *session_held(const Session *s, const char *path);
+
 double plain_strtod(const char *text, char **end); /* number.c: whatever the locale */
 
 /* May a source that wrote `text` read the file `path`? If not, *why (of static life) says so. What does not exist may
@@ -124,6 +136,11 @@ Diag *diag_emit(Session *s, DiagCode code, Span span, ...);
 void diag_note(Session *s, Diag *d, Span span, const char *fmt, ...) __attribute__((format(printf, 4, 5)));
 /* 1-based line and column (columns count code points) of a byte offset. */
 void span_position(const Session *s, Span span, uint32_t *line, uint32_t *column);
+/* The start and the end of a span as editors count, from 0, of a line in UTF-16 units or, utf8, in bytes. */
+typedef struct SpanEnds {
+    uint32_t line, character;
+} SpanEnds;
+void span_ends(const Session *s, Span span, bool utf8, SpanEnds ends[2]);
 /* Text form with source line and caret (colour if asked), and one LSP Diagnostic object (with uri) per line. Both are
  * sorted by place. The text form stops after max_errors errors (and as many warnings) and says how many more there are;
  * JSON has all of them. */

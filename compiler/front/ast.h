@@ -457,10 +457,17 @@ enum { GLSL_SIZE = 512, GLSL_MAX_ITERS = 4096 };
  * error, and so is a chain (a + b + …, a.b.c…, else if …) that would make a tree deeper than 4096 expressions or 1024
  * statements. */
 Module *parse_module(Session *s, int file, const char *name);
+/* parse/attr.c: how attribute number i is written, "[Range(lo, hi)]", and its name; NULL behind the last. */
+const char *attribute_usage(uint32_t i, const char **name);
+/* parse/lex.c: keyword number i; NULL behind the last. */
+const char *keyword_name(uint32_t i);
 /* parse/module.c: parses `file` and all it imports (imports resolved beside the file, in -I folders, in the standard
  * library). Returns the main module, the head of the list by `next`; a module imported twice is one entry of `imports`.
  * Never NULL. */
 Module *load_modules(Session *s, int file);
+/* check/call.c: a builtin as it is called, and its signature in the letters of builtins.def. */
+const char *builtin_name(Builtin b);
+const char *builtin_signature(Builtin b);
 /* check/check.c: types, names, constants, definite assignment, returns, recursion, loops, attributes of all modules.
  * Returns the entry shader, or NULL after reporting (also when the errors are elsewhere: look at s->nerrors). */
 Func *check_program(Session *s, Module *main, const FrontOptions *opt);

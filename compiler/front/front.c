@@ -1,13 +1,19 @@
 /* The whole front end: a source becomes a Program. */
 #include "compiler/front/front.h"
 
-static Program *compile(Session *s, int file, const ProgramOptions *opt) {
+Module *front_check(Session *s, int file, const FrontOptions *opt, Func **entry) {
     Module *main = load_modules(s, file);
-    if (!main) return NULL;
+    *entry = NULL;
     for (const Module *m = main; m; m = m->next)
-        if (m->unusable) return NULL;
+        if (m->unusable) return main;
     /* After syntax errors the rest is checked all the same: all errors of a file in one run. */
-    Func *entry = check_program(s, main, &opt->front);
+    *entry = check_program(s, main, opt);
+    return main;
+}
+
+static Program *compile(Session *s, int file, const ProgramOptions *opt) {
+    Func *entry;
+    Module *main = front_check(s, file, &opt->front, &entry);
     if (!entry || s->nerrors) return NULL;
     Program *p = gen_program(s, main, entry, opt);
     return s->nerrors ? NULL : p;

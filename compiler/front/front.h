@@ -110,17 +110,26 @@ typedef struct Program {
 /* How many of the floats are parameters. */
 static inline uint32_t program_floats(const Program *p) { return p->nfloats - p->nplaced; }
 
+/* Sees every expression that is generated, once for each place where it is inlined, with its value: one instruction a
+ * scalar, or an alloc. What is constant is not generated. */
+typedef void ExprWatch(void *user, const Expr *e, Inst *const *value, uint32_t n);
+
 typedef struct ProgramOptions {
     FrontOptions front;
     Precision precision;
-    uint32_t seed; /* for rand() in initialiser functions */
+    uint32_t seed;    /* for rand() in initialiser functions */
+    ExprWatch *watch; /* NULL: nobody */
+    void *watch_user;
 } ProgramOptions;
 
 /* gen/gen.c: a checked entry becomes a Program. Inlines every call (beyond 2^18 operations: an error that shows the
  * call tree with counts). NULL after reporting. */
 Program *gen_program(Session *s, Module *main, Func *entry, const ProgramOptions *opt);
 
-/* front.c: the whole front end: load, check, generate. NULL if any error was reported. */
+/* front.c: its first two steps, whose tree is there whatever was reported. *entry: NULL after errors. Of GLSL the
+ * caller sets the source's size first, and ends with glsl_speak. */
+Module *front_check(Session *s, int file, const FrontOptions *opt, Func **entry);
+/* The whole front end: load, check, generate. NULL if any error was reported. */
 Program *front_compile(Session *s, int file, const ProgramOptions *opt);
 
 /* glsl/complete.c: a uniform that Shadertoy sets, whether a shader reads it or not. */

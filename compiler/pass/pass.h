@@ -128,6 +128,8 @@ void ad_along(PassCtx *ctx, Fn *fn);
 void ad_activity(const Fn *fn, uint8_t *active);
 
 /* ---- pipeline.c */
+/* Its beginning, which says all that is said of a primal: warnings need no more. */
+void pipeline_warn(PassCtx *ctx, Fn *primal);
 /* Runs once, on the primal, before variants are cut from it. */
 void pipeline_primal(PassCtx *ctx, Fn *primal);
 /* Lowers and cleans one kernel, cut and differentiated. */

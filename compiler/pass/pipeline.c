@@ -19,7 +19,7 @@ _Static_assert(IN_WITNESS1 - IN_WITNESS0 + 1 == SLT_WITNESSES, "an input for eac
 
 #define RUN(pass) pass_run(ctx, stage, fn, PASS_##pass)
 
-void pipeline_primal(PassCtx *ctx, Fn *fn) {
+void pipeline_warn(PassCtx *ctx, Fn *fn) {
     const PassStage stage = PASS_NEEDS_PRIMAL;
     pass_step(ctx, stage, fn, PASS_front);
     RUN(lower_ddx);
@@ -27,6 +27,11 @@ void pipeline_primal(PassCtx *ctx, Fn *fn) {
     RUN(opt_skips);
     RUN(opt_masks); /* first these: the front end recorded instructions, which other passes move */
     RUN(warn_jumps);
+}
+
+void pipeline_primal(PassCtx *ctx, Fn *fn) {
+    const PassStage stage = PASS_NEEDS_PRIMAL;
+    pipeline_warn(ctx, fn);
     RUN(opt_fold);
     RUN(opt_induction);
     RUN(opt_dce);

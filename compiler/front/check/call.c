@@ -16,6 +16,9 @@ static const char *const builtin_sigs[] = {
 #undef BUILTIN
 };
 
+const char *builtin_name(Builtin b) { return builtin_names[b]; }
+const char *builtin_signature(Builtin b) { return builtin_sigs[b]; }
+
 const char *types_text(Checker *c, Expr **args, uint32_t n) {
     const char *text = "";
     for (uint32_t i = 0; i < n && i < 32; i++)

@@ -481,5 +481,6 @@ Val gen_expr(Lower *l, Expr *e) {
     l->b.span = gen_shown(l, e->span);
     Val v = gen_kind(l, e);
     l->b.span = span;
+    if (l->opt->watch && !l->quiet) l->opt->watch(l->opt->watch_user, e, v.c, v.n);
     return v;
 }

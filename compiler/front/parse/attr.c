@@ -52,6 +52,12 @@ static const AttrRow table[A_COUNT] = {
     [A_CULL] = {"Cull", ON_STMT, ARGS_NAME, 1, "[Cull(function)]"},
 };
 
+const char *attribute_usage(uint32_t i, const char **name) {
+    if (i >= A_COUNT) return NULL;
+    *name = table[i].name;
+    return table[i].usage;
+}
+
 static Attr parse_attribute(Parser *p) {
     Attr a = {.name = p->tok.text, .span = p->tok.span};
     if (!parse_expect(p, TOK_IDENT, "the name of an attribute")) return a;

@@ -13,6 +13,8 @@ static const char *const keyword_text[TOK_COUNT] = {
 #undef KEYWORD
 };
 
+const char *keyword_name(uint32_t i) { return i < TOK_COUNT - TOK_IMPORT ? keyword_text[TOK_IMPORT + i] : NULL; }
+
 static bool is_digit(char c) { return c >= '0' && c <= '9'; }
 static bool is_letter(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_'; }
 static bool is_hex(char c) { return is_digit(c) || (c >= 'a' && c <= 'f') || (c >= 'A' && c <= 'F'); }

@@ -50,7 +50,7 @@ static const char *find(Session *s, const Module *from, const char *name, bool o
     for (uint32_t i = of_stdlib && s->stdlib_dir ? s->nimport_dirs + 1 : 0; (dir = search_dir(s, file, i)); i++) {
         const char *path = join(s, dir, name);
         struct stat info;
-        if (stat(path, &info) || S_ISDIR(info.st_mode)) continue;
+        if (!session_held(s, path) && (stat(path, &info) || S_ISDIR(info.st_mode))) continue;
         if (from->real_path && identity(s, path) == from->real_path) {
             self = path;
             continue;
