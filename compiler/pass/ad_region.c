@@ -89,6 +89,30 @@ static void make_counted(Vjp *v, Scope *s, Inst *rev, Inst **carried, uint32_t n
     rev->imm.loop = info;
 }
 
+/* What the iterations of a loop are told apart by is told: one from the first on adds to the adjoints of parameters,
+ * and does so whatever the others do. Where it also needs no frame it is reversed by a loop that runs forwards, as long
+ * as the number of the iteration is below this value. NULL: it is another. */
+static Inst *free_limit(const Scope *s, uint32_t ncarried) {
+    const Block *body = s->owner->region[0];
+    if (s->owner->op != OP_loop || ncarried || s->guards.len || s->stored.len || s->segment) return NULL;
+    const Inst *on = body->last->args[0];
+    const bool counts = on->op == OP_ilt && on->args[0] == body->params[0] && !walk_inside(on->args[1]->block, body);
+    return counts && vjp_reads_told(body) ? on->args[1] : NULL;
+}
+
+static void make_free(Vjp *v, Scope *s, Inst *rev, Inst *limit) {
+    Block *b = s->rev_block;
+    b->nparams = 0, b->params = NULL;
+    if (s->k) b->params = ARENA_ARRAY(v->fn->arena, Inst *, 1), b->params[b->nparams++] = s->k, s->k->imm.i = 0;
+    else s->k = ir_block_param(v->fn, b, TY_INT);
+    limit = tape_value(v, limit);
+    Builder end = ir_at_end(v->fn, b);
+    Inst **on = ARENA_ARRAY(v->fn->arena, Inst *, 1);
+    on[0] = ir_emit2(&end, OP_ilt, s->k, limit);
+    b->last->args = on, b->last->nargs = 1;
+    rev->op = OP_loop, rev->nargs = 0, rev->imm.loop = s->owner->imm.loop;
+}
+
 typedef struct Carried {
     Inst *param;    /* of the revloop */
     Inst *primal;   /* the outer value whose adjoint is carried, or NULL */
@@ -167,9 +191,12 @@ static void reverse_scope(Vjp *v, Scope *s, Block *body, Carried *carried, uint3
     Inst *mark = NULL;
     LoopInfo info = loop ? s->owner->imm.loop : (LoopInfo){0};
     bool counts = info.exact && (!info.cull || info.found) && !s->guards.len && !s->stored.len;
-    s->framed = !counts;
+    Inst *limit = counts ? NULL : free_limit(s, kept);
+    s->framed = !counts && !limit;
     if (counts) {
         make_counted(v, s, rev, params, kept);
+    } else if (limit) {
+        make_free(v, s, rev, limit);
     } else {
         if (s->k) { /* the iteration number goes first */
             vec_push(v->scratch, &s->stored, NULL);

@@ -108,6 +108,7 @@ static inline void vjp_pop(Vjp *v) { v->stack.len--; }
 void vjp_block(Vjp *v, Block *b);
 void vjp_add(Vjp *v, Inst *primal, AdTerm t);
 bool vjp_holds_taped(const Vjp *v, const Block *b);
+bool vjp_reads_told(const Block *b); /* itself, not in a loop */
 
 /* ad_region.c */
 void vjp_if(Vjp *v, Inst *i);

@@ -312,12 +312,11 @@ static LoopPlan *plan_of(Plan *plan, const Scope *s) {
     return NULL;
 }
 
-/* Does it read what is told, itself? */
-static bool is_told(const Block *b) {
+bool vjp_reads_told(const Block *b) {
     for (const Inst *i = b->first; i; i = i->next) {
         if (i->op == OP_told) return true;
         for (uint32_t r = 0; r < i->nregions && i->op != OP_loop; r++)
-            if (is_told(i->region[r])) return true;
+            if (vjp_reads_told(i->region[r])) return true;
     }
     return false;
 }
@@ -331,7 +330,7 @@ static bool choose_replays(const Vjp *v, Plan *plan) {
         if (!p || !s->framed || !tape_can_replay(v, s->owner, s)) continue;
         if (v->o->replay == AD_REPLAY_AUTO &&
             (s->trips < 2 || s->frame_bytes < REPLAY_BYTES || !tape_searches(s->owner->region[0])) &&
-            !is_told(s->owner->region[0]))
+            !vjp_reads_told(s->owner->region[0]))
             continue;
         p->replay = true;
         p->stored_bytes = s->frame_bytes;

@@ -64,6 +64,7 @@ void pipeline_kernel(PassCtx *ctx, Fn *fn) {
     RUN(opt_cse);
     RUN(opt_licm);
     RUN(opt_dce);
+    if (RUN(opt_fuse)) RUN(opt_cse), RUN(opt_dce);
     RUN(opt_hits);
 }
 

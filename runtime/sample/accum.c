@@ -20,6 +20,7 @@ enum { FOLD = 1 << 13 }; /* entries of a log, which then still lies in a cache *
 /* Entries of one that a call may fill by as much as queries tell, or would have to run twice. The system gives those
  * pages that are touched. */
 enum { LONG_LOG = 1 << 22 };
+enum { LOOK = 256 }; /* entries that tell how a log goes on */
 
 static void *zero_pages(uint64_t bytes) {
     if (bytes <= FEW_BYTES) {
@@ -205,12 +206,29 @@ static double *target_of(const Accum *a, uint32_t which, double *const *targets,
     return row < a->n ? &targets[row][index] : none;
 }
 
-/* Neighbouring entries are mostly of one parameter, whose sum is not put down in between. */
+/* Are neighbouring entries mostly of one parameter? As its beginning goes, so goes the log. */
+static bool comes_in_runs(const AdjointBuffer *buf) {
+    const uint64_t n = buf->log_len < LOOK ? buf->log_len : LOOK;
+    uint64_t like = 0;
+    for (uint64_t e = 1; e < n; e++) like += buf->log_index[e] == buf->log_index[e - 1];
+    return 2 * like > n;
+}
+
+/* In their order either way. Where they come in runs a sum is not put down in between; else to ask whether it must be
+ * costs more than to do it. */
 #define ADD_LOG(name, T)                                                                                               \
     static void name(const Accum *a, uint32_t which, double *const *targets) {                                         \
         const AdjointBuffer *buf = &a->buf[which];                                                                     \
         const T *value = (const T *)buf->log_value;                                                                    \
-        double none = 0, *to = &none, sum = 0;                                                                             \
+        double none = 0, *to = &none, sum = 0, *first = targets[which];                                                \
+        const uint32_t own = a->s->nfloats;                                                                            \
+        if (!comes_in_runs(buf)) {                                                                                     \
+            for (uint64_t e = 0; e < buf->log_len; e++) {                                                              \
+                const uint32_t index = buf->log_index[e];                                                              \
+                *(index < own ? &first[index] : target_of(a, which, targets, index, &none)) += (double)value[e];       \
+            }                                                                                                          \
+            return;                                                                                                    \
+        }                                                                                                              \
         for (uint64_t e = 0; e < buf->log_len; e++) {                                                                  \
             if (!e || buf->log_index[e] != buf->log_index[e - 1]) {                                                    \
                 *to = sum;                                                                                             \

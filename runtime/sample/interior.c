@@ -272,9 +272,9 @@ static void set_seeds(const Walk *k, Batch *b, uint32_t c, double part) {
             for (uint32_t n = k->count[r]; n--; i++) ((double *)seed)[i] = part * (double)a[k->owner[r] * channels];
         return;
     }
-    float value[BATCH + FILL_OVER];
+    float spread[BATCH + FILL_OVER], *value = k->single ? seed : spread;
     for (uint32_t r = 0; r < k->runs; r++) value[r] = (float)(part * (double)a[k->owner[r] * channels]);
-    b->fill->spread(k->runs, k->count, value, 0, seed);
+    if (!k->single) b->fill->spread(k->runs, k->count, value, 0, seed);
 }
 
 static void reverse_samples(const Interior *p, Worker *w, const TileRect *t, double factor, uint32_t half) {

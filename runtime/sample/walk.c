@@ -73,6 +73,14 @@ static void take_some(Walk *k, Chunk *c, uint32_t room) {
     if (done) next_pixels(k, done), k->sample = sample;
 }
 
+/* How many of the next n pixels of the row are asked for, up to the first that is not. */
+static uint32_t asked_from(const Walk *k, uint32_t n) {
+    const uint64_t first = grid_index(&k->p->run->grid, k->at[0], k->at[1], k->at[2]);
+    uint32_t i = 0;
+    while (i < n && asked(k->p, first + i)) i++;
+    return i;
+}
+
 /* The next n pixels of a row with all their samples. */
 static void take_row(Walk *k, Chunk *c, uint32_t n) {
     const uint64_t owner = grid_index(&k->p->run->grid, k->at[0], k->at[1], k->at[2]);
@@ -87,13 +95,14 @@ static void take_row(Walk *k, Chunk *c, uint32_t n) {
 
 static void take(Walk *k, Chunk *c, uint32_t room) {
     const Interior *p = k->p;
-    const bool plain = !p->adjoint && p->classes == 1;
+    const bool plain = p->classes == 1;
     if (c->later) memset(c->first, 0, sizeof c->first);
     c->n = c->lanes = 0, c->later = false;
     while (c->n < CHUNK && c->lanes < room && k->t < k->end) {
         uint32_t n = k->t->lo[0] + k->t->n[0] - k->at[0], whole = plain ? (room - c->lanes) / p->count : 0;
         if (n > whole) n = whole;
         if (n > CHUNK - c->n) n = CHUNK - c->n;
+        if (n && !k->sample) n = asked_from(k, n);
         if (n && !k->sample) take_row(k, c, n);
         else take_some(k, c, room - c->lanes);
     }

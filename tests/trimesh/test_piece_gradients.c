@@ -278,6 +278,36 @@ static void test_same_bits(void **state) {
     }
 }
 
+/* In the vertices alone, sides of all lanes run together, and lanes that see one triangle are added up. */
+static void test_widths(void **state) {
+    (void)state;
+    uint64_t seed = 15;
+    static Scene s;
+    s = (Scene){0};
+    scene_soup(&s, 40, 0.9, &seed);
+    scene_beam(&s, 3, -1, 2);
+    for (int f64 = 0; f64 < 2; f64++) {
+        static float image[SIZE * SIZE];
+        static double gradient[2][MOST_FLOATS];
+        static const uint32_t width[] = {16, 1, 4, 8, 16, 32, 64};
+        for (uint32_t k = 0; k < 7; k++) {
+            SltOptions opt = precision(f64);
+            opt.width = width[k], opt.interpret = k == 0;
+            SltProgram *p = compile(&s, beam_by_pixel, everything, &opt);
+            SltError err = {0};
+            if (slt_wrt(p, (const char *[]){"m"}, 1, &err) != SLT_OK) fail_msg("%s", err.text);
+            image_and_gradient(p, 1, image, gradient[k > 0]);
+            double most = 0;
+            for (uint32_t i = 0; i < slt_float_count(p); i++) most = fmax(most, fabs(gradient[0][i]));
+            assert_true(most > 0);
+            for (uint32_t i = 0; i < slt_float_count(p) && k; i++)
+                if (!(fabs(gradient[0][i] - gradient[1][i]) <= (f64 ? 1e-12 : 1e-5) * most))
+                    fail_msg("width %u, %u: %.17g, interpreter %.17g", width[k], i, gradient[1][i], gradient[0][i]);
+            slt_program_free(p);
+        }
+    }
+}
+
 static void test_forwards(void **state) {
     (void)state;
     uint64_t seed = 14;
@@ -309,6 +339,7 @@ static void test_forwards(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_differences), cmocka_unit_test(test_far_eye),
                                        cmocka_unit_test(test_single),      cmocka_unit_test(test_subdivided),
-                                       cmocka_unit_test(test_same_bits),   cmocka_unit_test(test_forwards)};
+                                       cmocka_unit_test(test_same_bits),   cmocka_unit_test(test_widths),
+                                       cmocka_unit_test(test_forwards)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -371,8 +371,10 @@ static void emit_special(Emit *e, Inst *i) {
         if (emit_is_vector(e, i)) emit_parts(e, i->args[0], emit_slot(e, i));
         else emit_slot(e, i)[0] = emit_scalar(e, i->args[0]);
         break;
-    case OP_if_:
-    case OP_loop: emit_control(e, i); break;
+    case OP_if_: emit_control(e, i); break;
+    case OP_loop:
+        if (!emit_spread(e, i)) emit_control(e, i);
+        break;
     case OP_revloop: emit_revloop(e, i); break;
     case OP_rand:
     case OP_window:

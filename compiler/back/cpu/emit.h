@@ -39,9 +39,11 @@ typedef struct Emit {
     LLVMTypeRef t_void, t_i1, t_i8, t_i16, t_i32, t_i64, t_ptr, t_f32, t_f64, t_flt;
     Part args, n, i; /* the arguments and the first lane's sample index (i64) */
     Part in[SLT_INPUTS], out[SLT_OUT_MAX], params, iparams, dparams, adj, tape, tape_end, tape_top /* i64 in memory */;
-    Part told; /* a pointer in memory: what queries have found */
+    Part told;  /* a pointer in memory: what queries have found */
+    Part lanes; /* in memory, one part of integers; NULL: not wanted yet */
     CullSlot cull[BACK_MAX_CULL];
     Part *mask;           /* P parts, or NULL: all lanes */
+    bool spread;          /* lanes are not those of samples, but of what emit_spread has listed */
     Part *val;            /* by id * P + part */
     ChunkState *chunks;   /* of a straight-line program in chunks; NULL: it is not */
     uint64_t frame_bytes; /* of local arrays so far */
@@ -110,6 +112,15 @@ Part emit_counting_lanes(Emit *e, uint32_t p, Part cond);
 /* ---- emit_param.c: parameters, and their adjoints */
 void emit_param(Emit *e, Inst *i);
 void emit_adjoint(Emit *e, Inst *i);
+Part emit_compressed(Emit *e, Part v, Part mask); /* the lanes that are on, in front: one instruction of AVX-512 */
+
+/* ---- emit_rows.c: reads that lie side by side */
+/* Reads i and those behind it that lie beside it, from base[index + place] on, index in numbers; false: it is alone. Of
+ * what is behind the index, `readable` numbers can be read. */
+bool emit_beside(Emit *e, Inst *i, Part base, const Part *index, uint64_t readable);
+
+/* ---- emit_spread.c: a loop over items of all lanes; false: the loop is another */
+bool emit_spread(Emit *e, Inst *loop);
 
 /* ---- emit_array.c: local arrays */
 void emit_alloc(Emit *e, Inst *i);

@@ -55,7 +55,7 @@ static Part valid_lanes(Emit *e, uint32_t p) {
 }
 
 Part emit_counting_lanes(Emit *e, uint32_t p, Part cond) {
-    Part m = valid_lanes(e, p);
+    Part m = e->spread ? emit_all_on(e) : valid_lanes(e, p); /* of samples that count alone items are listed */
     if (e->mask) m = LL(BuildAnd)(e->b, m, e->mask[p], "");
     return cond ? LL(BuildAnd)(e->b, m, cond, "") : m;
 }

@@ -39,14 +39,19 @@ void emit_told(Emit *e, Inst *i) {
     LLVMTypeRef t = whole ? e->t_i32 : e->t_flt;
     Part row = emit_load(e, e->t_ptr, e->told, 8, false),
          last = emit_load(e, e->t_i32, emit_at_byte(e, row, (uint64_t)-SLT_TOLD_LAST), 4, false),
-         number = emit_at_byte(e, row, (uint64_t)i->imm.query.what * e->plan.flt_bytes),
-         units = emit_int(e, e->t_i32, SLT_TOLD * stride), at[BACK_MAX_PARTS], *out = emit_slot(e, i);
-    if (vector) emit_parts(e, i->args[0], at), last = emit_splat(e, last), units = emit_splat(e, units);
-    else at[0] = emit_scalar(e, i->args[0]);
+         number = emit_at_byte(e, row, (uint64_t)i->imm.query.what * e->plan.flt_bytes), unit[BACK_MAX_PARTS],
+         *out = emit_slot(e, i);
+    if (vector) emit_parts(e, i->args[0], unit), last = emit_splat(e, last);
+    else unit[0] = emit_scalar(e, i->args[0]);
     for (uint32_t p = 0; p < (vector ? e->P : 1); p++) {
-        Part both[2] = {at[p], last};
-        Part unit = emit_intrinsic(e, "llvm.umin", LL(TypeOf)(last), both, 2),
-             pointer = emit_gep(e, t, number, LL(BuildMul)(e->b, unit, units, ""));
+        Part both[2] = {unit[p], last};
+        unit[p] = emit_intrinsic(e, "llvm.umin", LL(TypeOf)(last), both, 2);
+        unit[p] = LL(BuildMul)(e->b, unit[p], emit_const_like(e, LL(TypeOf)(last), e->t_i32, 0, SLT_TOLD, false), "");
+    }
+    if (vector && emit_beside(e, i, row, unit, SLT_TOLD)) return;
+    for (uint32_t p = 0; p < (vector ? e->P : 1); p++) {
+        Part by = emit_const_like(e, LL(TypeOf)(last), e->t_i32, 0, stride, false),
+             pointer = emit_gep(e, t, number, LL(BuildMul)(e->b, unit[p], by, ""));
         out[p] = vector ? emit_gather(e, t, pointer, size) : emit_load(e, t, pointer, size, false);
     }
 }

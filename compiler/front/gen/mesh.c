@@ -283,35 +283,51 @@ static void moving_sides(Lower *l, const Beam *b, Inst *unit, Inst *const centre
     for (int k = 0; k < 3; k++) sum[k] = var_get(l, &out[k]);
 }
 
-static Val piece_of(Lower *l, Type *type, const Symbol *sym, Inst *unit, Inst *const *parts) {
-    Val v = val_new(l, type);
-    const Beam beam = beam_of(l, sym, parts), *b = &beam;
-    Inst *found = v.c[0] = op2(l, OP_ine, unit, ki(l, 0));
-    Inst *area = told(l, b, SLT_PIECE_AREA, unit, TY_FLT), *held[2], *sum[3];
+/* What is told of a piece, and where it lies. */
+static void seen_of(Lower *l, const Beam *b, Inst *unit, Inst *of[PIECE_UNIT]) {
+    Inst *area = told(l, b, SLT_PIECE_AREA, unit, TY_FLT), *held[2], *sum[3], *tri, *det;
     for (uint32_t a = 0; a < 2; a++) held[a] = told(l, b, SLT_PIECE_S + a, unit, TY_FLT);
     moving_sides(l, b, unit, held, sum);
-    v.c[1] = add(l, area, op1(l, OP_ghost, sum[0]));
-    Inst *whole = sel(l, found, area, kf(l, 1));
-    for (int a = 0; a < 2; a++) v.c[2 + a] = add(l, held[a], op1(l, OP_ghost, op2(l, OP_fdiv, sum[1 + a], whole)));
-    Inst *tri = triangle_in(l, sym, told(l, b, SLT_PIECE_TRIANGLE, unit, TY_INT)), *det;
+    of[1] = add(l, area, op1(l, OP_ghost, sum[0]));
+    for (int a = 0; a < 2; a++) of[2 + a] = add(l, held[a], op1(l, OP_ghost, op2(l, OP_fdiv, sum[1 + a], area)));
+    of[PIECE_TRI] = tri = triangle_in(l, b->sym, told(l, b, SLT_PIECE_TRIANGLE, unit, TY_INT));
     /* p = start + t d: from the eye, or from the window's place, where t is -(d - at) . n / d . n. */
     Vec3 in, d, at, n, from;
-    inside(l, b, v.c[2], v.c[3], in);
+    inside(l, b, of[2], of[3], in);
     plane_through(l, b, tri, at, n, &det);
     Inst *nearer = much_nearer(l, b, at);
     for (int a = 0; a < 3; a++) {
         d[a] = add(l, b->c[a], in[a]);
         from[a] = sub(l, sub(l, at[a], b->corner[a]), in[a]);
     }
-    Inst *t = op2(l, OP_fdiv, sel(l, nearer, dot_n(l, from, n, 3), det), sel(l, found, dot_n(l, d, n, 3), kf(l, 1))),
-         *length = op1(l, OP_fsqrt, sel(l, found, dot_n(l, n, n, 3), kf(l, 1)));
+    Inst *t = op2(l, OP_fdiv, sel(l, nearer, dot_n(l, from, n, 3), det), dot_n(l, d, n, 3)),
+         *length = op1(l, OP_fsqrt, dot_n(l, n, n, 3));
     for (int a = 0; a < 3; a++) {
         Inst *start = sel(l, nearer, add(l, b->corner[a], in[a]), b->eye[a]);
-        v.c[4 + a] = sel(l, found, add(l, start, mul(l, t, d[a])), b->eye[a]);
-        v.c[7 + a] = sel(l, found, op2(l, OP_fdiv, n[a], length), kf(l, 0));
+        of[PIECE_P + a] = add(l, start, mul(l, t, d[a]));
+        of[PIECE_NORMAL + a] = op2(l, OP_fdiv, n[a], length);
     }
-    v.c[10] = sel(l, found, tri, ki(l, -1));
-    v.c[11] = sel(l, found, of_triangle(l, sym, sym->nfaces * SLT_MESH_FACE, SLT_MESH_PART, 0, tri), ki(l, -1));
+    of[PIECE_PART] = of_triangle(l, b->sym, b->sym->nfaces * SLT_MESH_FACE, SLT_MESH_PART, 0, tri);
+}
+
+/* Most lanes see nothing further, and often all of them: under an if, that is not evaluated, nor differentiated. */
+static Val piece_of(Lower *l, Type *type, const Symbol *sym, Inst *unit, Inst *const *parts) {
+    Val v = val_new(l, type);
+    const Beam beam = beam_of(l, sym, parts), *b = &beam;
+    Var *number = var_new(l, TY_FLT, PIECE_TRI), *name = var_new(l, TY_INT, 2);
+    Inst *found = v.c[0] = op2(l, OP_ine, unit, ki(l, 0)), *of[PIECE_UNIT];
+    IfCtx c;
+    for (int k = 1; k < PIECE_TRI; k++)
+        number[k].value = k >= PIECE_P && k < PIECE_NORMAL ? b->eye[k - PIECE_P] : kf(l, 0);
+    for (int k = 0; k < 2; k++) name[k].value = ki(l, -1);
+    if_begin(l, &c, found);
+    seen_of(l, b, unit, of);
+    for (int k = 1; k < PIECE_TRI; k++) var_set(l, &number[k], of[k]);
+    for (int k = 0; k < 2; k++) var_set(l, &name[k], of[PIECE_TRI + k]);
+    if_else(l, &c);
+    if_end(l, &c);
+    for (int k = 1; k < PIECE_TRI; k++) v.c[k] = var_get(l, &number[k]);
+    for (int k = 0; k < 2; k++) v.c[PIECE_TRI + k] = var_get(l, &name[k]);
     v.c[PIECE_UNIT] = unit;
     v.c[PIECE_MESH] = ki(l, 1 + (int32_t)b->geometry);
     for (int k = 0; k < SLT_BEAM_ROWS; k++) v.c[PIECE_BEAM + k] = parts[k];

@@ -12,7 +12,9 @@ Val gen_mesh_light(Lower *l, Expr *e, const Symbol *sym); /* irradiance, ltc, li
 /* Where a Piece has what, among its parts. */
 enum {
     PIECE_P = 4,
+    PIECE_NORMAL = 7,
     PIECE_TRI = 10,
+    PIECE_PART = 11,
     PIECE_UNIT = 12,
     PIECE_MESH = 13, /* 1 + the number of its geometry */
     PIECE_BEAM = 14

@@ -130,6 +130,21 @@ static void put_int(const Search *s, uint32_t unit, uint32_t which, int32_t v) {
     memcpy(place(s, unit, which), &v, sizeof v);
 }
 
+/* A side, whose numbers are those from SLT_SIDE_WEIGHT on, weight and ends. */
+static void put_side(const Search *s, uint32_t unit, int32_t a, int32_t b, double weight, const double at[4]) {
+    unsigned char *row = place(s, unit, 0);
+    if (s->f64) {
+        memcpy(row + SLT_SIDE_A * sizeof(double), &a, sizeof a),
+            memcpy(row + SLT_SIDE_B * sizeof(double), &b, sizeof b);
+        memcpy(row + SLT_SIDE_WEIGHT * sizeof(double), &weight, sizeof weight);
+        memcpy(row + SLT_SIDE_S0 * sizeof(double), at, 4 * sizeof *at);
+        return;
+    }
+    const float narrow[5] = {(float)weight, (float)at[0], (float)at[1], (float)at[2], (float)at[3]};
+    memcpy(row + SLT_SIDE_A * sizeof(float), &a, sizeof a), memcpy(row + SLT_SIDE_B * sizeof(float), &b, sizeof b);
+    memcpy(row + SLT_SIDE_WEIGHT * sizeof(float), narrow, sizeof narrow);
+}
+
 uint32_t pieces_tell(bool f64, const double number[SLT_TOLD], uint32_t whole) {
     Store *store = told_store();
     if (!store || !store->n || !window_room(store, &store->unit, store->n + 1, &store->room, 1, sizeof *store->unit))
@@ -246,9 +261,8 @@ static void tell_part(Search *s, const Candidate *c) {
         const uint32_t unit = s->store->n + 1 + sides++;
         int32_t edge[2];
         edge_of(s, c, k, edge);
-        put_int(s, unit, SLT_SIDE_A, edge[0]), put_int(s, unit, SLT_SIDE_B, edge[1]);
-        put(s, unit, SLT_SIDE_WEIGHT, p->weight[k][i]);
-        for (uint32_t q = 0; q < 4; q++) put(s, unit, SLT_SIDE_S0 + q, p->end[k][q][i]);
+        const double at[] = {p->end[k][0][i], p->end[k][1][i], p->end[k][2][i], p->end[k][3][i]};
+        put_side(s, unit, edge[0], edge[1], p->weight[k][i], at);
     }
     tell(s, c->triangle, p->area[i], p->centre[0][i], p->centre[1][i], sides);
 }
@@ -308,10 +322,9 @@ static void tell_side(Search *s, Side *side, int32_t a, int32_t b, const double 
     const double slope = sqrt(g[0] * g[0] + g[1] * g[1]), ds = side->at[1][0] - side->at[0][0],
                  dt = side->at[1][1] - side->at[0][1];
     const double weight = slope > 0 ? (to - from) * side->length / slope : 0;
-    put_int(s, unit, SLT_SIDE_A, a), put_int(s, unit, SLT_SIDE_B, b);
-    put(s, unit, SLT_SIDE_WEIGHT, g[1] * ds - g[0] * dt < 0 ? -weight : weight);
-    put(s, unit, SLT_SIDE_S0, side->at[0][0] + from * ds), put(s, unit, SLT_SIDE_T0, side->at[0][1] + from * dt);
-    put(s, unit, SLT_SIDE_S1, side->at[0][0] + to * ds), put(s, unit, SLT_SIDE_T1, side->at[0][1] + to * dt);
+    const double at[] = {side->at[0][0] + from * ds, side->at[0][1] + from * dt, side->at[0][0] + to * ds,
+                         side->at[0][1] + to * dt};
+    put_side(s, unit, a, b, g[1] * ds - g[0] * dt < 0 ? -weight : weight, at);
     if (s->scene->outlined) outline_part(s, side, a, b, g[1] * ds - g[0] * dt < 0, from, to);
 }
 

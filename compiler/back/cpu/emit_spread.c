@@ -1,0 +1,180 @@
+/* A loop whose iterations add to adjoints and do nothing else, as many in each lane as the lane wants: over the sides
+ * of a piece. Most lanes want few, and with a lane for each sample most would be off. So iterations are listed, those
+ * of all lanes, and run a vector of them at a time: what they read of their sample comes from its lane. */
+#include "compiler/back/cpu/emit.h"
+
+enum { SPREAD_MAX = 64 /* iterations of a lane */, READ_MAX = 64 /* values of a lane */ };
+
+typedef struct Spread {
+    Inst *loop, *k;
+    const Inst *limit, *on; /* an iteration follows where on, k < limit */
+    const Inst *read[READ_MAX];
+    uint32_t nread;
+    uint32_t lane_bits;
+    Part list; /* of numbers of lanes and, above lane_bits, of iterations */
+} Spread;
+
+static bool inside(const Block *b, const Block *outer) {
+    while (b != outer && b->owner) b = b->owner->block;
+    return b == outer;
+}
+
+static bool note_read(Emit *e, Spread *s, const Inst *v) {
+    if (ir_is_const(v) || !emit_is_vector(e, v) || inside(v->block, s->k->block)) return true;
+    for (uint32_t i = 0; i < s->nread; i++)
+        if (s->read[i] == v) return true;
+    if (s->nread == READ_MAX) return false;
+    s->read[s->nread++] = v;
+    return true;
+}
+
+/* Is there nothing that hangs on which sample runs in which lane? */
+static bool can_spread(Emit *e, Spread *s, const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        switch (i->op) {
+        case OP_adj:
+            if (!emit_is_vector(e, i->args[0])) return false;
+            break;
+        case OP_constf:
+        case OP_consti:
+        case OP_constb:
+        case OP_proj:
+        case OP_yield:
+        case OP_if_:
+        case OP_told:
+        case OP_param:
+        case OP_iparam: break;
+        default:
+            if (ir_ops[i->op].special || ir_ops[i->op].math) return false;
+        }
+        for (uint32_t a = 0; a < i->nargs && i != s->on; a++) {
+            if (i->args[a] == s->k && i->op != OP_yield && !emit_is_vector(e, i)) return false;
+            if (!note_read(e, s, i->args[a])) return false;
+        }
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (!can_spread(e, s, i->region[r])) return false;
+    }
+    return true;
+}
+
+static bool spread_of(Emit *e, Inst *loop, Spread *s) {
+    Block *body = loop->region[0];
+    const Inst *on = body->last->args[0];
+    *s = (Spread){.loop = loop, .k = body->params[0], .on = on};
+    if (!e->told || loop->nargs || loop->imm.loop.cull || loop->imm.loop.max_iters > SPREAD_MAX) return false;
+    if (e->opt->target.vector_bytes != 64 || e->P > 2 || (e->L != 8 && e->L != 16)) return false;
+    if (on->op != OP_ilt || on->args[0] != s->k || inside(on->args[1]->block, body)) return false;
+    s->limit = on->args[1];
+    while (1u << s->lane_bits < e->W) s->lane_bits++;
+    return emit_is_vector(e, s->limit) && can_spread(e, s, body);
+}
+
+static Part integers(Emit *e, uint32_t v) { return emit_splat(e, emit_int(e, e->t_i32, v)); }
+
+/* from, from + 1, ... */
+static Part counting_from(Emit *e, Part from) {
+    Part lane[BACK_MAX_WIDTH];
+    for (uint32_t l = 0; l < e->L; l++) lane[l] = emit_int(e, e->t_i32, l);
+    return LL(BuildAdd)(e->b, emit_splat(e, from), LL(ConstVector)(lane, e->L), "");
+}
+
+/* Lists what is to run, iteration 0 of all lanes first; returns how many, i32. */
+static Part list_all(Emit *e, const Spread *s) {
+    const uint32_t most = (uint32_t)s->loop->imm.loop.max_iters;
+    Part trips[BACK_MAX_PARTS], on[BACK_MAX_PARTS], zero = emit_int(e, e->t_i32, 0);
+    emit_parts(e, s->limit, trips);
+    for (uint32_t p = 0; p < e->P; p++) {
+        Part low[2] = {trips[p], integers(e, 0)}, high[2];
+        high[0] = emit_intrinsic(e, "llvm.smax", LL(TypeOf)(low[0]), low, 2), high[1] = integers(e, most - 1);
+        trips[p] = emit_intrinsic(e, "llvm.smin", LL(TypeOf)(low[0]), high, 2);
+        trips[p] = LL(BuildAdd)(e->b, trips[p], integers(e, 1), "");
+        trips[p] = LL(BuildSelect)(e->b, emit_counting_lanes(e, p, NULL), trips[p], integers(e, 0), "");
+    }
+    LLVMBasicBlockRef from = emit_here(e), head = emit_new_block(e, "spread"), list = emit_new_block(e, "list"),
+                      done = emit_new_block(e, "listed");
+    LL(BuildBr)(e->b, head);
+    emit_at(e, head);
+    Part k = emit_phi(e, e->t_i32, "k"), count = emit_phi(e, e->t_i32, "count"), more = count;
+    emit_incoming(e, k, zero, from), emit_incoming(e, count, zero, from);
+    for (uint32_t p = 0; p < e->P; p++) on[p] = LL(BuildICmp)(e->b, LLVMIntSGT, trips[p], emit_splat(e, k), "");
+    LL(BuildCondBr)(e->b, emit_any(e, on), list, done);
+    emit_at(e, list);
+    Part first = LL(BuildShl)(e->b, k, emit_int(e, e->t_i32, s->lane_bits), "");
+    for (uint32_t p = 0; p < e->P; p++) {
+        Part bits = LL(BuildBitCast)(e->b, on[p], LL(IntTypeInContext)(e->ctx, e->L), ""),
+             item = counting_from(e, LL(BuildAdd)(e->b, first, emit_int(e, e->t_i32, p * e->L), ""));
+        emit_store(e, emit_compressed(e, item, on[p]),
+                   emit_gep(e, e->t_i32, s->list, LL(BuildZExt)(e->b, more, e->t_i64, "")), 4);
+        bits = LL(BuildZExt)(e->b, bits, e->t_i32, "");
+        more = LL(BuildAdd)(e->b, more, emit_intrinsic(e, "llvm.ctpop", e->t_i32, &bits, 1), "");
+    }
+    emit_incoming(e, k, LL(BuildAdd)(e->b, k, emit_int(e, e->t_i32, 1), ""), emit_here(e));
+    emit_incoming(e, count, more, emit_here(e));
+    LL(BuildBr)(e->b, head);
+    emit_at(e, done);
+    return count;
+}
+
+/* Of a value with these parts, the lanes that `lane` names. */
+static Part from_lanes(Emit *e, const Part *v, IrType type, Part lane) {
+    const bool wide = type == TY_FLT && e->plan.flt_bytes == 8;
+    LLVMTypeRef own = LL(TypeOf)(v[0]), t = emit_vector_type(e, wide ? e->t_i64 : e->t_i32);
+    const char *name = wide         ? "llvm.x86.avx512.vpermi2var.q.512"
+                       : e->L == 16 ? "llvm.x86.avx512.vpermi2var.d.512"
+                                    : "llvm.x86.avx512.vpermi2var.d.256";
+    unsigned id = LL(LookupIntrinsicID)(name, 32);
+    Part f = LL(GetIntrinsicDeclaration)(e->mod, id, NULL, 0), args[3] = {v[0], lane, v[e->P - 1]};
+    for (int a = 0; a < 3; a += 2)
+        args[a] = type == TY_BOOL ? LL(BuildZExt)(e->b, args[a], t, "") : LL(BuildBitCast)(e->b, args[a], t, "");
+    if (wide) args[1] = LL(BuildZExt)(e->b, lane, t, "");
+    Part x = LL(BuildCall2)(e->b, LL(IntrinsicGetType)(e->ctx, id, NULL, 0), f, args, 3, "");
+    return type == TY_BOOL ? LL(BuildTrunc)(e->b, x, own, "") : LL(BuildBitCast)(e->b, x, own, "");
+}
+
+/* The body, for the items from `at` on. */
+static void emit_items(Emit *e, const Spread *s, Part at, Part count) {
+    Part lane[BACK_MAX_PARTS], k[BACK_MAX_PARTS], here[BACK_MAX_PARTS], *outer = e->mask;
+    Part(*kept)[BACK_MAX_PARTS] = arena_alloc(e->arena, (s->nread + 1) * sizeof *kept);
+    for (uint32_t p = 0; p < e->P; p++) {
+        Part first = LL(BuildAdd)(e->b, at, emit_int(e, e->t_i32, p * e->L), "");
+        Part item = emit_load(e, emit_vector_type(e, e->t_i32),
+                              emit_gep(e, e->t_i32, s->list, LL(BuildZExt)(e->b, first, e->t_i64, "")), 4, false);
+        lane[p] = LL(BuildAnd)(e->b, item, integers(e, e->W - 1), "");
+        k[p] = LL(BuildLShr)(e->b, item, integers(e, s->lane_bits), "");
+        here[p] = LL(BuildICmp)(e->b, LLVMIntULT, counting_from(e, first), emit_splat(e, count), "");
+    }
+    for (uint32_t i = 0; i < s->nread; i++) {
+        Part *slot = emit_slot(e, s->read[i]);
+        emit_parts(e, s->read[i], kept[i]);
+        for (uint32_t p = 0; p < e->P; p++) slot[p] = from_lanes(e, kept[i], (IrType)s->read[i]->type, lane[p]);
+    }
+    s->k->flags |= BACK_VARYING;
+    for (uint32_t p = 0; p < e->P; p++) emit_slot(e, s->k)[p] = k[p];
+    e->mask = here, e->spread = true;
+    emit_block(e, s->loop->region[0]);
+    e->mask = outer, e->spread = false;
+    for (uint32_t i = 0; i < s->nread; i++)
+        for (uint32_t p = 0; p < e->P; p++) emit_slot(e, s->read[i])[p] = kept[i][p];
+}
+
+bool emit_spread(Emit *e, Inst *loop) {
+    Spread s;
+    if (e->spread || !spread_of(e, loop, &s)) return false;
+    const uint64_t room = e->W * (uint64_t)loop->imm.loop.max_iters + SLT_PAD;
+    s.list = emit_alloca(e, LL(ArrayType2)(e->t_i32, room), 1, 64);
+    Part count = list_all(e, &s);
+    LLVMBasicBlockRef from = emit_here(e), head = emit_new_block(e, "items"), some = emit_new_block(e, "some"),
+                      done = emit_new_block(e, "spread_out");
+    LL(BuildBr)(e->b, head);
+    emit_at(e, head);
+    Part at = emit_phi(e, e->t_i32, "at");
+    emit_incoming(e, at, emit_int(e, e->t_i32, 0), from);
+    LL(BuildCondBr)(e->b, LL(BuildICmp)(e->b, LLVMIntULT, at, count, ""), some, done);
+    emit_at(e, some);
+    emit_items(e, &s, at, count);
+    if (e->error) return true;
+    emit_incoming(e, at, LL(BuildAdd)(e->b, at, emit_int(e, e->t_i32, e->W), ""), emit_here(e));
+    LL(BuildBr)(e->b, head);
+    emit_at(e, done);
+    return true;
+}
