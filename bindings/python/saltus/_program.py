@@ -250,8 +250,8 @@ def compile(source: str | os.PathLike, *, set: Mapping[str, Any] | None = None, 
             lib.slt_program_free(handle)
     command = _command.Origin(source, _is_source(source), name, dict(
         set=set or {}, entry=entry, import_dirs=[os.fspath(d) for d in import_dirs], precision=precision, lang=language,
-        disc=disc, field=field, width=width or None, target_cpu=target, sandbox=sandbox, interpret=interpret,
-        no_cache=not cache))
+        disc=disc, near_miss=near_miss, field=field, width=width or None, target_cpu=target, sandbox=sandbox,
+        interpret=interpret, no_cache=not cache))
     program = Program(handle, command)
     for key, value in values.items():
         program.params[key] = value
@@ -615,9 +615,7 @@ class Program:
             self._call(lib.slt_grad_adjoint, job, given.ctypes.data, gradient.ctypes.data,
                        bound.ctypes.data if stderr else None, params=params, progress=progress, wrt=wrt, derivatives=True)
             names = self._differentiated()
-        result = Gradient(self._layouts, gradient, None, names)
-        result.stderr = Gradient(self._layouts, bound, None, names) if stderr else None
-        return result
+        return self._gradient(gradient, bound, names)
 
     grad = vjp
 
@@ -689,19 +687,26 @@ class Program:
         self._call(lib.slt_grad_images, job, n, dirs, outs, None if crossings is None else crossings.ctypes.data,
                    params=params, progress=progress, wrt=wrt, derivatives=True)
 
-    def loss(self, target, *, mask=None, wrt=None, params=None, progress=None, **options) -> tuple[float, Gradient]:
+    def loss(self, target, *, mask=None, stderr: bool = False, wrt=None, params=None, progress=None,
+             **options) -> tuple[float, Gradient]:
         """The mean over pixels and channels of mask * (image - target)^2, and its gradient, which is not biased: image and
-        derivative have samples of their own. target: an image, or a file, at its own size."""
+        derivative have samples of their own. target: an image, or a file, at its own size. stderr: as of `vjp`."""
         target = self._target(target, None)
         job = _job.make_job(self.dim, tuple(reversed(target.shape[:-1])), options)
         mask = None if mask is None else self._mask(mask, target.shape)
         value, gradient = ctypes.c_double(), np.zeros(self._floats.size)
+        bound = np.zeros(self._floats.size) if stderr else None
         with self._lock:
             self._call(lib.slt_grad_loss, job, target.ctypes.data, None if mask is None else mask.ctypes.data,
-                       ctypes.byref(value), gradient.ctypes.data, None, None, params=params, progress=progress, wrt=wrt,
-                       derivatives=True)
+                       ctypes.byref(value), gradient.ctypes.data, bound.ctypes.data if stderr else None, None,
+                       params=params, progress=progress, wrt=wrt, derivatives=True)
             names = self._differentiated()
-        return value.value, Gradient(self._layouts, gradient, None, names)
+        return value.value, self._gradient(gradient, bound, names)
+
+    def _gradient(self, gradient, bound, names) -> Gradient:
+        result = Gradient(self._layouts, gradient, None, names)
+        result.stderr = None if bound is None else Gradient(self._layouts, bound, None, names)
+        return result
 
     def _target(self, target, size):
         """float32 (height, width, channels): an array as it is, a file at this size."""
