@@ -22,6 +22,13 @@ SltStatus fit_find_param(const SltProgram *p, const char *name, const char *what
 
 SltStatus fit_out_of_memory(SltError *err) { return status_fail(err, SLT_LIMIT, "out of memory for a fit"); }
 
+/* While an estimate runs: how far the fit is, in iterations. */
+static void progressed(void *user, double of_estimate) {
+    const SltFit *f = user;
+    (void)of_estimate;
+    f->progress(f->progress_user, (double)f->iteration / f->opt.iterations);
+}
+
 /* Reads the caller's options, which may be of another version, and checks that they make one problem. */
 static SltStatus take_options(SltFit *f, const SltFitOptions *given, SltError *err) {
     SltFitOptions *o = &f->opt;
@@ -29,7 +36,11 @@ static SltStatus take_options(SltFit *f, const SltFitOptions *given, SltError *e
     f->job = SLT_JOB_INIT;
     if (!api_struct_read(o, sizeof *o, given)) return api_struct_unknown(err, "SltFitOptions");
     if (o->job && !api_struct_read(&f->job, sizeof f->job, o->job)) return api_struct_unknown(err, "SltJob");
-    f->job.progress = NULL, f->job.floats = NULL, f->job.ints = NULL;
+    f->job.floats = NULL, f->job.ints = NULL;
+    if (f->job.progress) {
+        f->progress = f->job.progress, f->progress_user = f->job.progress_user;
+        f->job.progress = progressed, f->job.progress_user = f;
+    }
     if (o->minimize && (o->nviews || o->loss))
         return status_fail(err, SLT_USAGE, "a fit that minimises the integral has no views and no other loss");
     if (o->nviews && !o->views) return status_fail(err, SLT_USAGE, "%u views of a fit, but no list of them", o->nviews);

@@ -45,6 +45,8 @@ struct SltFit {
     SltProgram *p;
     SltFitOptions opt; /* strings and lists in it are read by slt_fit_begin only */
     SltJob job;
+    void (*progress)(void *user, double fraction); /* the caller's; that of `job` calls it */
+    void *progress_user;
     char *checkpoint, key[256];
     View *views;
     uint32_t nviews;

@@ -92,8 +92,9 @@ typedef enum SltFitSchedule { SLT_FIT_CONSTANT, SLT_FIT_EXPONENTIAL, SLT_FIT_COS
 
 typedef struct SltFitOptions {
     size_t struct_size;
-    /* Size, samples, filter, seed, threads, estimator of every estimate. time_limit and cancel hold for the whole fit;
-     * progress, floats and ints do not count. NULL: SLT_JOB_INIT. */
+    /* Size, samples, filter, seed, threads, estimator of every estimate. time_limit and cancel hold for the whole fit,
+     * and so does what progress, called while estimates run, says: the part of the iterations that is done. floats and
+     * ints do not count. NULL: SLT_JOB_INIT. */
     const SltJob *job;
     /* The loss is one of three. With views alone: the mean of slt_grad_loss over them, or of `metric`. With `loss`: the
      * mean of what it says of every view's image (without views, of the one image of the program). With minimize: the

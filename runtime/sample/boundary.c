@@ -43,7 +43,8 @@ SltStatus boundary_run(Boundary *y, SinkKind kind) {
                s->kernel[SLT_K_SITE_GRAD] &&
                (kind == SINK_FORWARD ? s->kernel[SLT_K_SITE_JVP] : s->kernel[SLT_K_SITE_VJP]);
     if (!can || !s->nsites || !(y->segments > 0)) return SLT_OK;
-    uint32_t sums = boundary_in_order(r) && !y->any_sign ? 3 + SKETCHES : 3;
+    /* Windows have no sketches: what called for them has three sums a channel. */
+    uint32_t sums = boundary_in_order(r) && !y->any_sign && !y->windows ? 3 + SKETCHES : 3;
     uint32_t accums = kind == SINK_INTEGRAL  ? sums * s->channels
                       : kind == SINK_REVERSE ? y->classes + y->misses + (y->noise[0] ? PARTS_NOISE : 0)
                                              : 0;

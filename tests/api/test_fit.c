@@ -256,6 +256,43 @@ static void stopped_and_resumed(void **state) {
     }
 }
 
+/* How far fits were when they said so, and when they are to stop. */
+typedef struct Heard {
+    uint32_t calls, cancel_at;
+    double last;
+    volatile int cancel;
+} Heard;
+
+static void hear(void *user, double fraction) {
+    Heard *h = user;
+    assert_true(fraction >= h->last && fraction < 1);
+    h->last = fraction;
+    if (++h->calls == h->cancel_at) h->cancel = 1;
+}
+
+/* While estimates run, not only between them: what stops a fit there need not wait for the end of a long one. */
+static void progress_and_cancel_within(void **state) {
+    (void)state;
+    SltProgram *p = compile(discs);
+    SltJob job = image_job();
+    SltFitOptions o = two_views(&job);
+    SltFitResult r = SLT_FIT_RESULT_INIT;
+    SltError err = {0};
+    Heard h = {0};
+    job.threads = 1, job.progress = hear, job.progress_user = &h;
+    o.iterations = 4;
+    assert_int_equal(slt_fit(p, &o, &r, &err), SLT_OK);
+    assert_true(h.calls > 4 && h.last == 0.75);
+    free(r.losses);
+    h = (Heard){.cancel_at = 1};
+    r = SLT_FIT_RESULT_INIT;
+    job.cancel = &h.cancel, job.spp = 4096;
+    assert_int_equal(slt_fit(p, &o, &r, &err), SLT_INTERRUPTED);
+    assert_int_equal(r.iterations, 0);
+    free(r.losses);
+    slt_program_free(p);
+}
+
 static void cancelled(void **state) {
     (void)state;
     SltProgram *p = compile(discs);
@@ -668,11 +705,17 @@ static void whose_checkpoint(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(same_as_the_command),   cmocka_unit_test(minimised_integral),
-        cmocka_unit_test(stopped_and_resumed),   cmocka_unit_test(cancelled),
-        cmocka_unit_test(losses_of_the_callers), cmocka_unit_test(refusals),
-        cmocka_unit_test(bad_targets),           cmocka_unit_test(held_and_tolerances),
-        cmocka_unit_test(held_by_a_fit),         cmocka_unit_test(whose_checkpoint),
+        cmocka_unit_test(same_as_the_command),
+        cmocka_unit_test(minimised_integral),
+        cmocka_unit_test(stopped_and_resumed),
+        cmocka_unit_test(cancelled),
+        cmocka_unit_test(losses_of_the_callers),
+        cmocka_unit_test(refusals),
+        cmocka_unit_test(bad_targets),
+        cmocka_unit_test(held_and_tolerances),
+        cmocka_unit_test(progress_and_cancel_within),
+        cmocka_unit_test(held_by_a_fit),
+        cmocka_unit_test(whose_checkpoint),
     };
     return cmocka_run_group_tests(tests, set_up, scratch_drop);
 }

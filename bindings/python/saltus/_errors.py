@@ -1,6 +1,7 @@
 """What goes wrong, as exceptions: one for each status of the library (docs/command.md lists them)."""
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 
 from . import _abi
@@ -67,6 +68,18 @@ class InternalError(SaltusError):
 
 class SaltusWarning(UserWarning):
     """What a result does not say: a derivative that misses a part, an estimate that is worse than it seems."""
+
+
+def c_string(value: str, what: str, encode=str.encode) -> bytes:
+    """A string for the library, to which it would end at a NUL character."""
+    found = encode(value)
+    if b"\0" in found:
+        raise UsageError(f"there is a NUL character in {what}")
+    return found
+
+
+def c_path(value: str | os.PathLike) -> bytes:
+    return c_string(value, "a path", os.fsencode)
 
 
 _BY_STATUS = {kind.status: kind for kind in (UsageError, InputError, OutputError, LimitError, CheckFailed, InternalError)}

@@ -1,6 +1,7 @@
 """Fits: slt_fit with arrays, callbacks and a progress bar."""
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import time
@@ -11,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from . import _abi, _job
-from ._errors import UsageError, raise_for
+from ._errors import UsageError, c_path, c_string, raise_for
 from ._images import Image, as_image, floats32
 from ._library import free, initial, lib, text
 from ._progress import Bar
-from ._program import _STATS, Program, _Interrupt, _names, _sets
+from ._program import _STATS, UNKNOWN, Program, _Interrupt, _names, _sets
 from ._values import Gradient, Params
 
 METRICS = {"l2": _abi.SLT_FIT_L2, "l1": _abi.SLT_FIT_L1, "huber": _abi.SLT_FIT_HUBER}
@@ -23,9 +24,8 @@ SCHEDULES = {"constant": _abi.SLT_FIT_CONSTANT, "exponential": _abi.SLT_FIT_EXPO
 STOPS = {_abi.SLT_FIT_ITERATIONS: "iters", _abi.SLT_FIT_CONVERGED: "converged", _abi.SLT_FIT_STOPPED: "stopped",
          _abi.SLT_FIT_INTERRUPTED: "interrupted", _abi.SLT_FIT_TIME_LIMIT: "time limit", _abi.SLT_FIT_FAILED: "failed"}
 #: Numbers of SltFitOptions, by their names there; what is not given is its default.
-NUMBERS = {"beta1": float, "beta2": float, "epsilon": float, "momentum": float, "history": int,
-           "gradient_tolerance": float, "loss_tolerance": float, "patience": int, "max_failures": int,
-           "huber_delta": float, "views_per_step": int, "decay": float}
+REALS = ("beta1", "beta2", "epsilon", "momentum", "gradient_tolerance", "loss_tolerance", "huber_delta", "decay")
+COUNTS = ("history", "patience", "max_failures", "views_per_step")
 
 
 @dataclass
@@ -69,7 +69,7 @@ class FitResult:
 def _numbers(kept, name, given):
     """A number for all parameters, or one each, as SltFitNumber."""
     pairs = given.items() if isinstance(given, Mapping) else [(None, given)]
-    items = [(k if k is None else k.encode(), _job.real(name, v)) for k, v in pairs]
+    items = [(k if k is None else c_string(k, name), _job.real(name, v)) for k, v in pairs]
     array = (_abi.SltFitNumber * len(items))(*[_abi.SltFitNumber(*item) for item in items])
     kept.extend((array, items))
     return ctypes.addressof(array), len(items)
@@ -116,7 +116,6 @@ def _views(p, kept, views, target, mask, size, loss):
             kept.extend((array, alive))
             out.values, out.nvalues = ctypes.addressof(array), n
         if program is not None:
-            program._store()
             kept.append(program)
             out.program = program._handle
     array = (_abi.SltFitView * len(made))(*made)
@@ -135,7 +134,8 @@ def fit(p: Program, target=None, *, wrt=None, iters: int = 200, lr: float | Mapp
     """Optimises the parameters of `wrt` (default: all that can be), within [Range], from the values they have.
 
     target: an image (height, width, channels), any dtype, or a file, which is resized to `size` if that is given
-    views: instead, a list of ``{"target": ..., "mask": ..., "params": {...}, "program": ...}``
+    views: instead, a list of ``{"target": ..., "mask": ..., "params": {...}, "program": ...}``; a program that draws a
+        view has the fit's values in it, of parameters of the same name, and afterwards its own again
     minimize: the integral of the entry itself is the loss
     loss: "l2", "l1", "huber", or a function (image, target) -> (value, adjoint), the adjoint an array like the image
     lr: a learning rate, or ``{"radius": 0.1, "discs[*].centre": 0.01}``; 0 holds (default 0.01, L-BFGS 0.1)
@@ -151,16 +151,19 @@ def fit(p: Program, target=None, *, wrt=None, iters: int = 200, lr: float | Mapp
     own = callable(loss)
     kept: list = []
     o = initial(_abi.SltFitOptions)
-    for name in [n for n in options if n in NUMBERS]:
-        setattr(o, name, NUMBERS[name](_job.real(name, options.pop(name))))
+    for name in [n for n in options if n in REALS]:
+        setattr(o, name, _job.real(name, options.pop(name)))
+    for name in [n for n in options if n in COUNTS]:
+        setattr(o, name, _job.whole(name, options.pop(name), 0, 2 ** 31 - 1))
     o.views, o.nviews, shape, targets = _views(p, kept, views, target, mask, size, own)
-    job = _job.make_job(p.dim, tuple(reversed(shape[:-1])) if shape is not None else size, options)
+    job = _job.make_job(p.dim, tuple(reversed(shape[:-1])) if shape is not None else size, options,
+                        (*fit.__kwdefaults__, *REALS, *COUNTS))
     o.minimize = bool(minimize)
     if not own and not minimize and not o.nviews:
         raise UsageError("what is to be matched? give a target, views, minimize=True or a loss function")
     if not own:
         o.metric = _job.choice("loss", loss, METRICS)
-    o.optimizer = str(optimizer).encode()
+    o.optimizer = c_string(str(optimizer), "the optimizer")
     o.iterations, o.every = _job.whole("iters", iters, 0, 10 ** 8), _job.whole("every", every, 1, 10 ** 8)
     if lr is not None:
         o.rates, o.nrates = _numbers(kept, "lr", lr)
@@ -177,14 +180,15 @@ def fit(p: Program, target=None, *, wrt=None, iters: int = 200, lr: float | Mapp
         for name, m in factors.items():
             if m.ndim != 2:
                 raise UsageError(f"lr_masks of {name}: (rows, columns) is wanted, not the shape {m.shape}")
-        array = (_abi.SltFitMask * len(factors))(*[_abi.SltFitMask(name.encode(), m.shape[1], m.shape[0], m.ctypes.data)
-                                                   for name, m in factors.items()])
+        array = (_abi.SltFitMask * len(factors))(*[
+            _abi.SltFitMask(c_string(name, "lr_masks"), m.shape[1], m.shape[0], m.ctypes.data)
+            for name, m in factors.items()])
         kept.extend((array, factors))
         o.rate_masks, o.nrate_masks = ctypes.addressof(array), len(factors)
     o.schedule = _job.choice("schedule", schedule, SCHEDULES)
-    o.loss_entry = loss_entry.encode() if loss_entry else None
-    o.checkpoint = os.fsencode(checkpoint) if checkpoint else None
-    o.resume = os.fsencode(resume) if resume else None
+    o.loss_entry = c_string(loss_entry, "loss_entry") if loss_entry else None
+    o.checkpoint = c_path(checkpoint) if checkpoint else None
+    o.resume = c_path(resume) if resume else None
     stats = _abi.SltStats.from_buffer_copy(_STATS)
     o.job, o.stats = ctypes.addressof(job), ctypes.addressof(stats)
     bar, begun = Bar(o.iterations, progress), time.monotonic()
@@ -230,32 +234,38 @@ def fit(p: Program, target=None, *, wrt=None, iters: int = 200, lr: float | Mapp
         return bool(callback(Iteration(it.iteration, it.loss, it.best, p.params,
                                        Gradient(p._layouts, gradient, None, names), image)))
 
+    drawing = {q._handle: q for q in (p, *(v["program"] for v in views or () if v.get("program") is not None))}
     if own:
         o.loss = _abi.SltFitLoss(guarded(lost, _abi.SLT_INTERRUPTED))
-        o.loss_name = getattr(loss, "__qualname__", "loss").encode()
+        o.loss_name = c_string(getattr(loss, "__qualname__", "loss"), "the name of the loss")
     o.iterated = _abi.SltFitIterated(guarded(iterated, True))
     result, error = initial(_abi.SltFitResult), _abi.SltError()
-    with p._lock:
+    with contextlib.ExitStack() as locks:
+        for handle in sorted(drawing):  # in one order everywhere: two fits do not wait for each other
+            locks.enter_context(drawing[handle]._lock)
         p._set_wrt(p._wrt if wrt is None else _names(wrt))
         names = p._differentiated()
-        p._store()
-        interrupt = _Interrupt(job, None)
-        job.progress = _abi.SltJobProgress()
+        for q in drawing.values():
+            q._store()
+        interrupt = _Interrupt(p._running, job, None)
         try:
             status = lib.slt_fit(p._handle, ctypes.byref(o), ctypes.byref(result), ctypes.byref(error))
         finally:
             interrupt.end()
             bar.end()
+            for q in drawing.values():
+                if q is not p:
+                    q._wrt_now = UNKNOWN  # it was the fit's
         p._fetch()
         p._stats = stats
-        p._tell()
     losses = np.empty(0)
     if result.losses:
         losses = np.ctypeslib.as_array((ctypes.c_double * result.iterations).from_address(result.losses)).copy()
         free(result.losses)
-    interrupt.again()
-    if status != _abi.SLT_OK and result.stop != _abi.SLT_FIT_TIME_LIMIT:
+    interrupt.again(status == _abi.SLT_OK)
+    if result.stop != _abi.SLT_FIT_TIME_LIMIT:
         raise_for(status, error)
+    p._tell()
     p._warn(stats)
     return FitResult(result.initial_loss, result.loss, losses, result.iterations, STOPS.get(result.stop, "failed"),
                      text(result.reason), time.monotonic() - begun)

@@ -2,12 +2,13 @@
 from __future__ import annotations
 
 import ctypes
+import io
 import os
 
 import numpy as np
 
-from . import _abi
-from ._errors import UsageError, raise_for
+from . import _abi, _job
+from ._errors import LimitError, OutputError, UsageError, c_path, c_string, raise_for
 from ._library import free, lib
 
 
@@ -23,9 +24,17 @@ class Image(np.ndarray):
     def __array_finalize__(self, origin):
         self.display, self.signed = getattr(origin, "display", False), getattr(origin, "signed", False)
 
-    def __array_wrap__(self, result, context=None):
+    def __array_wrap__(self, result, context=None, return_scalar=False):
         wrapped = super().__array_wrap__(result, context)
         return wrapped[()] if wrapped.ndim == 0 else wrapped
+
+    def __reduce__(self):
+        make, arguments, state = super().__reduce__()
+        return make, arguments, (state, self.display, self.signed)
+
+    def __setstate__(self, state):
+        state, self.display, self.signed = state
+        super().__setstate__(state)
 
     def _repr_png_(self) -> bytes | None:
         flat = _picture(self)
@@ -52,6 +61,14 @@ def _picture(array):
     if array.ndim == 2:
         array = array[None].repeat(16, 0) if array.shape[1] <= 4 else array[..., None]
     return array if array.ndim == 3 and 1 <= array.shape[2] <= 4 else None
+
+
+def empty(shape, dtype=np.float32) -> np.ndarray:
+    """An array to be written to."""
+    try:
+        return np.empty(shape, dtype)
+    except (MemoryError, ValueError):  # NumPy's, of sizes that no integer holds
+        raise LimitError(f"there is no memory for an array of shape {shape}") from None
 
 
 def floats32(array, what: str, shape=None) -> np.ndarray:
@@ -90,8 +107,9 @@ def encode_png(image, *, display=False, signed=False, title: str | None = None, 
     flat, size, channels = _checked(image)
     at, n, error = ctypes.c_void_p(), ctypes.c_size_t(), _abi.SltError()
     if signed:
-        status = lib.slt_image_encode_signed(scale, title.encode() if title else None, size, channels, flat.ctypes.data,
-                                             ctypes.byref(at), ctypes.byref(n), ctypes.byref(error))
+        said = c_string(title, "the title") if title else None
+        status = lib.slt_image_encode_signed(scale, said, size, channels, flat.ctypes.data, ctypes.byref(at),
+                                             ctypes.byref(n), ctypes.byref(error))
     else:
         status = lib.slt_image_encode(b".png", display, size, channels, flat.ctypes.data, ctypes.byref(at),
                                       ctypes.byref(n), ctypes.byref(error))
@@ -101,25 +119,39 @@ def encode_png(image, *, display=False, signed=False, title: str | None = None, 
 
 def write_image(path, image, *, display: bool | None = None):
     """Writes (height, width, channels) by the extension of `path`: .exr, .png, .pfm, .npy. The file appears whole or not
-    at all. `display`: a PNG takes the numbers as they are (default: what the image says, else linear colours)."""
+    at all. `display`: a PNG takes the numbers as they are (default: what the image says, else linear colours). A volume,
+    (depth, height, width, channels), goes into a .npy only."""
+    if os.fspath(path).lower().endswith(".npy"):
+        made = io.BytesIO()
+        np.save(made, floats32(image, "the image"))
+        _write_whole(path, made.getvalue())
+        return
+    if np.ndim(image) == 4:
+        raise UsageError(f"a volume, {np.shape(image)}, goes into a .npy; of a picture give one slice, image[z]")
     flat, size, channels = _checked(image)
     display = getattr(image, "display", False) if display is None else display
     error = _abi.SltError()
-    raise_for(lib.slt_image_write(os.fsencode(path), display, size, channels, flat.ctypes.data, ctypes.byref(error)), error)
+    raise_for(lib.slt_image_write(c_path(path), display, size, channels, flat.ctypes.data, ctypes.byref(error)), error)
 
 
 def save_png(path, image, *, display: bool | None = None, title: str | None = None, scale=0.0):
     """A PNG of an image; of a derivative (`Image.signed`) a diverging map with its scale printed below."""
     display = getattr(image, "display", False) if display is None else display
-    data = encode_png(image, display=display, signed=getattr(image, "signed", False), title=title, scale=scale)
+    _write_whole(path, encode_png(image, display=display, signed=getattr(image, "signed", False), title=title, scale=scale))
+
+
+def _write_whole(path, data: bytes):
+    """The file appears whole or not at all."""
     beside = f"{os.fspath(path)}.{os.getpid()}.tmp"
     try:
         with open(beside, "wb") as file:
             file.write(data)
         os.replace(beside, path)
-    except BaseException:
+    except BaseException as error:
         if os.path.exists(beside):
             os.unlink(beside)
+        if isinstance(error, OSError):
+            raise OutputError(f"cannot write `{os.fspath(path)}`: {error.strerror}") from None
         raise
 
 
@@ -127,10 +159,11 @@ def read_image(path, size: int | tuple[int, int] | None = None, *, channels: int
     """Reads .exr, .png, .pfm, .npy or .hgt as (height, width, channels) of float32, colours linear. `size`: resized to
     (width, height), or a square. `channels`: converted, grey to colour or back. `display`: the numbers of a PNG as they
     are, for programs with ``[Display]``."""
-    width, height = (size, size) if isinstance(size, int) else size or (0, 0)
-    box, found = (ctypes.c_uint32 * 2)(width, height), ctypes.c_uint32(channels or 0)
+    wanted = _job.make_job(2, size, {}).size[:2] if size is not None else (0, 0)
+    box = (ctypes.c_uint32 * 2)(*wanted)
+    found = ctypes.c_uint32(0 if channels is None else _job.whole("channels", channels, 1, 4))
     at, error = ctypes.c_void_p(), _abi.SltError()
-    raise_for(lib.slt_image_read(os.fsencode(path), display, box, ctypes.byref(found), ctypes.byref(at),
+    raise_for(lib.slt_image_read(c_path(path), display, box, ctypes.byref(found), ctypes.byref(at),
                                  ctypes.byref(error)), error)
     shape = (box[1], box[0], found.value)
     try:

@@ -76,24 +76,27 @@ OPTIONS = {
 }
 
 
-def make_job(dim: int, size, options: dict) -> _abi.SltJob:
-    """size: pixels along every axis, or (width, height, depth) as far as the program has axes; None: 512."""
+def make_job(dim: int, size, options: dict, also=()) -> _abi.SltJob:
+    """size: pixels along every axis, or (width, height, depth) as far as the program has axes; None: 512, of volumes 64.
+
+    also: names that options could be meant for, beside these."""
     job = _abi.SltJob.from_buffer_copy(_TEMPLATE)
     if size is not None:
-        if isinstance(size, (tuple, list)):
-            if len(size) != dim:
-                raise UsageError(f"size is one number or {dim}, (width, height, depth) as far as the program has axes, "
-                                 f"not {size!r}")
-        else:
-            size = (size,) * dim
-        for d, n in enumerate(size):
+        try:
+            sides = tuple(size)
+        except TypeError:
+            sides = (size,) * dim
+        if len(sides) != dim or isinstance(size, str):
+            raise UsageError(f"size is one number or {dim}, (width, height, depth) as far as the program has axes, "
+                             f"not {size!r}")
+        for d, n in enumerate(sides):
             job.size[d] = whole("size", n, 1, SIDE_MAX)
     elif dim == 3:
         job.size[:] = 64, 64, 64
     for name, value in options.items():
         put = OPTIONS.get(name)
         if put is None:
-            near = difflib.get_close_matches(name, OPTIONS, 1)
+            near = difflib.get_close_matches(name, [*OPTIONS, *also], 1)
             raise UsageError(f"there is no option `{name}`" + (f"; did you mean `{near[0]}`?" if near else ""))
         if value is not None:
             put(job, name, value)

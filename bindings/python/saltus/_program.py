@@ -5,6 +5,7 @@ import ctypes
 import json
 import os
 import signal
+import sys
 import threading
 import warnings
 import weakref
@@ -15,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from . import _abi, _command, _job
-from ._errors import CompileError, Diagnostic, SaltusWarning, UsageError, error_of, raise_for
-from ._images import Image, as_image, floats32, read_image
+from ._errors import CompileError, Diagnostic, SaltusWarning, UsageError, c_path, c_string, error_of, raise_for
+from ._images import Image, as_image, empty, floats32, read_image
 from ._library import free, initial, lib, text
 from ._values import Gradient, Layout, Params, Record, Values, layouts_of
 
@@ -26,6 +27,7 @@ _TARGETS = ("native", "avx512", "avx2", "sse2")
 _LANGUAGES = {"salt": _abi.SLT_LANGUAGE_SALTUS, "glsl": _abi.SLT_LANGUAGE_GLSL}
 _FIELDS = {"mipmap": _abi.SLT_STRUCTURE_MIPMAP, "cone": _abi.SLT_STRUCTURE_CONE, "naive": _abi.SLT_STRUCTURE_NAIVE}
 _NEAR_MISS = {"auto": -1, "off": 0, "on": 1}
+UNKNOWN = ("",)  # as names of what is differentiated: others decided it
 IMAGES_MAX = 64  # derivative images of one call
 
 
@@ -101,19 +103,33 @@ class Bound:
     unknown: bool
 
 
+@_abi.SltJobProgress
+def _breathe(user, fraction):
+    """A progress callback for nothing but that Python runs, and with it the handlers of signals."""
+
+
+class _Running:
+    """The call that uses a program now, for the callbacks of the program itself."""
+    call: _Interrupt | None = None
+
+
 class _Interrupt:
     """Ctrl-C while a call runs: the handler sets what job.cancel points at. A handler runs between two instructions of
-    Python, which is why such a call has a progress callback; it belongs to the main thread, which others need not."""
+    Python, which is why such a call has a progress callback; it belongs to the main thread, which others need not.
 
-    def __init__(self, job, progress):
+    The job refers to this object and this object not to the job: without a cycle all is freed when the call is over."""
+
+    def __init__(self, running, job, progress):
         self.flag, self.user, self.raised, self.hit = ctypes.c_int(0), progress, None, False
+        self.running, self.outer, running.call = running, running.call, self
         job.cancel = ctypes.addressof(self.flag)
         self.old = None
         if threading.current_thread() is threading.main_thread() and callable(signal.getsignal(signal.SIGINT)):
             self.old = signal.signal(signal.SIGINT, self.on_signal)
-        if self.old or progress:
-            self.callback = _abi.SltJobProgress(self.on_progress)
-            job.progress = self.callback
+        if progress:
+            job.progress = _abi.SltJobProgress(self.on_progress)
+        elif self.old:
+            job.progress = _breathe
 
     def on_signal(self, number, frame):
         self.hit, self.flag.value = True, 1
@@ -126,20 +142,26 @@ class _Interrupt:
                 self.stop(error)
 
     def stop(self, error: BaseException):
-        """Ends the call, which raises this then."""
-        self.raised, self.flag.value = error, 1
+        """Ends the call, which raises the first of these then."""
+        self.raised, self.flag.value = self.raised or error, 1
 
     def end(self):
+        self.running.call = self.outer
         if self.old:
             signal.signal(signal.SIGINT, self.old)
 
-    def again(self):
-        """What a Ctrl-C or a callback's exception should do, now that the call is over."""
-        if self.raised:
-            raise self.raised
-        if self.hit:
-            self.old(signal.SIGINT, None)
-            raise KeyboardInterrupt
+    def again(self, done: bool):
+        """What a Ctrl-C or a callback's exception should do, now that the call is over; done: it has a result."""
+        error, self.raised = self.raised, None  # whose traceback leads back here
+        try:
+            if self.hit:
+                self.old(signal.SIGINT, sys._getframe(1))
+            if error:
+                raise error
+            if self.hit and not done:
+                raise KeyboardInterrupt
+        finally:
+            del error
 
 
 def _text_of(value) -> str:
@@ -155,7 +177,8 @@ def _text_of(value) -> str:
 
 def _sets(pairs: Mapping) -> tuple[Any, int, list]:
     """An array of SltSet, its length, and what keeps it alive."""
-    kept = [(str(name).encode(), _text_of(value).encode()) for name, value in pairs.items()]
+    kept = [(c_string(str(name), "a name"), c_string(_text_of(value), f"the value of {name}")) for name, value in
+            pairs.items()]
     array = (_abi.SltSet * len(kept))(*[_abi.SltSet(name, value) for name, value in kept])
     return array, len(kept), kept
 
@@ -186,17 +209,17 @@ def compile(source: str | os.PathLike, *, set: Mapping[str, Any] | None = None, 
     options = initial(_abi.SltOptions)
     kept: list = []
 
-    def encoded(value):
-        return None if value is None else os.fsencode(value)
+    def encoded(value, what):
+        return None if value is None else c_string(value, what)
 
-    options.entry = encoded(entry)
+    options.entry = encoded(entry, "the entry")
     options.set, options.nset = _point(kept, set or {})
     values = dict(params or {})
     files = {k: v[1:] for k, v in values.items() if isinstance(v, str) and v.startswith("@")}
     options.param_files, options.nparam_files = _point(kept, files)
-    lengths = {k: [0] * _length(v) for k, v in values.items() if not isinstance(v, str) and _length(v)}
+    lengths = {k: [0] * n for k, n in ((k, _length(v)) for k, v in values.items()) if n is not None}
     options.lengths = json.dumps(lengths).encode() if lengths else None
-    folders = [os.fsencode(d) for d in import_dirs]
+    folders = [c_path(d) for d in import_dirs]
     array = (ctypes.c_char_p * len(folders))(*folders)
     kept.append(array)
     options.import_dirs, options.nimport_dirs = ctypes.addressof(array), len(folders)
@@ -205,7 +228,7 @@ def compile(source: str | os.PathLike, *, set: Mapping[str, Any] | None = None, 
     options.near_miss = _job.choice("near_miss", near_miss, _NEAR_MISS)
     options.language = _job.choice("language", language, _LANGUAGES) if language else _abi.SLT_LANGUAGE_AUTO
     options.field = _job.choice("field", field, _FIELDS) if field else _abi.SLT_STRUCTURE_AUTO
-    options.target = encoded(target and _job.choice("target", target, dict(zip(_TARGETS, _TARGETS))))
+    options.target = encoded(target and _job.choice("target", target, dict(zip(_TARGETS, _TARGETS))), "the target")
     options.seed = _job.whole("seed", seed, 0, 0xffffffff)
     options.width = _job.whole("width", width, 0, 64)
     options.interpret, options.no_cache, options.sandbox = bool(interpret), not cache, bool(sandbox)
@@ -213,9 +236,9 @@ def compile(source: str | os.PathLike, *, set: Mapping[str, Any] | None = None, 
         options.size[d] = _job.whole("size", n, 1, _job.SIDE_MAX)
     handle = ctypes.c_void_p()
     if _is_source(source):
-        status = lib.slt_compile_string(source.encode(), encoded(name), ctypes.byref(options), ctypes.byref(handle))
+        status = lib.slt_compile_string(c_string(source, "the source"), encoded(name, "the name"), ctypes.byref(options), ctypes.byref(handle))
     else:
-        status = lib.slt_compile_file(os.fsencode(source), ctypes.byref(options), ctypes.byref(handle))
+        status = lib.slt_compile_file(c_path(source), ctypes.byref(options), ctypes.byref(handle))
     if status != _abi.SLT_OK:
         try:
             said = text(lib.slt_diagnostics_text(handle)).rstrip()
@@ -227,8 +250,8 @@ def compile(source: str | os.PathLike, *, set: Mapping[str, Any] | None = None, 
             lib.slt_program_free(handle)
     command = _command.Origin(source, _is_source(source), name, dict(
         set=set or {}, entry=entry, import_dirs=[os.fspath(d) for d in import_dirs], precision=precision, lang=language,
-        disc=disc, field=field, width=width or None, target_cpu=target, sandbox=sandbox, interpret=interpret,
-        no_cache=not cache))
+        disc=disc, near_miss=near_miss, field=field, width=width or None, target_cpu=target, sandbox=sandbox,
+        interpret=interpret, no_cache=not cache))
     program = Program(handle, command)
     for key, value in values.items():
         program.params[key] = value
@@ -249,13 +272,19 @@ def _point(kept, pairs):
     return ctypes.addressof(array), n
 
 
-def _length(value) -> int:
+def _length(value) -> int | None:
+    """Of a list, an array, text of a list, or a mapping of fields to such."""
+    if isinstance(value, str):
+        try:
+            value = json.loads(value)
+        except ValueError:
+            return None
     if isinstance(value, Mapping):
-        return max((_length(v) for v in value.values()), default=0)
+        return max((n for n in map(_length, value.values()) if n is not None), default=None)
     try:
         return len(value)
     except TypeError:
-        return 0
+        return None
 
 
 def _diagnostics(handle, first=0) -> list[Diagnostic]:
@@ -286,10 +315,11 @@ class Program:
         self._told, self._warned = 0, set()
         self._wrt_now: tuple[str, ...] | None = None  # what the library differentiates
         self._names_now: list[str] = []  # the parameters in it, found for _names_of
-        self._names_of: tuple[str, ...] | None = ("",)
+        self._names_of: tuple[str, ...] | None = UNKNOWN
         self._wrt: tuple[str, ...] | None = None
         self._stats = _abi.SltStats.from_buffer_copy(_STATS)
         self._print = None
+        self._running = _Running()
         self.dim: int = lib.slt_dim(handle)  #: axes of the domain, 1 to 3
         self.channels: int = lib.slt_channels(handle)  #: 1 to 4
         self.entry: str = text(lib.slt_entry(handle))
@@ -324,7 +354,8 @@ class Program:
     @property
     def wrt(self) -> tuple[str, ...] | None:
         """Which parameters or components are differentiated, ``["discs[*].centre", "ink"]``; None: all that can be.
-        What is left out costs nothing."""
+        What is left out costs nothing. Where calls that differ in it take turns (`jvp` is of what its direction names),
+        derivatives are compiled at each turn and memory is kept until the program goes: take a program for each."""
         return self._wrt
 
     @wrt.setter
@@ -338,7 +369,7 @@ class Program:
         if names == self._wrt_now:
             return
         error = _abi.SltError()
-        array = (ctypes.c_char_p * len(names or ()))(*[n.encode() for n in names or ()])
+        array = (ctypes.c_char_p * len(names or ()))(*[c_string(n, "wrt") for n in names or ()])
         raise_for(lib.slt_wrt(self._handle, array if names else None, len(names or ()), ctypes.byref(error)), error)
         self._wrt_now = names
 
@@ -361,7 +392,8 @@ class Program:
         error = _abi.SltError()
         with self._lock:
             self._store()
-            raise_for(lib.slt_set_text(self._handle, name.encode(), value.encode(), ctypes.byref(error)), error)
+            raise_for(lib.slt_set_text(self._handle, c_string(name, "a name"), c_string(value, f"the value of {name}"),
+                                       ctypes.byref(error)), error)
             self._fetch()
 
     def params_json(self) -> str:
@@ -390,7 +422,8 @@ class Program:
         error = _abi.SltError()
         with self._lock:
             self._store()
-            raise_for(lib.slt_set_params_json(self._handle, source.encode(), os.fsencode(shown), ctypes.byref(error)), error)
+            raise_for(lib.slt_set_params_json(self._handle, c_string(source, "the parameters"), c_path(shown),
+                                              ctypes.byref(error)), error)
             self._fetch()
 
     def mesh(self, name: str) -> dict[str, np.ndarray]:
@@ -407,43 +440,49 @@ class Program:
 
     # ---- calls
 
-    def _call(self, function, job, *arguments, progress=None, params=None, wrt=None, derivatives=False):
-        """Runs an estimating function: function(program, job, *arguments, stats, error)."""
-        floats, ints = self._floats, self._ints
-        if params:
-            floats, ints = self._lent(params)
+    def _call(self, function, job, *arguments, progress=None, params=None, wrt=None, derivatives=False, counts=True):
+        """Runs an estimating function: function(program, job, *arguments, stats, error), without stats if nothing counts."""
+        floats, ints = self._lent(params)
         job.floats, job.ints = floats.ctypes.data, ints.ctypes.data
         stats, error = _abi.SltStats.from_buffer_copy(_STATS), _abi.SltError()
         with self._lock:
             if derivatives:
                 self._set_wrt(self._wrt if wrt is None else _names(wrt))
-            interrupt = _Interrupt(job, progress)
+            interrupt = _Interrupt(self._running, job, progress)
             try:
-                status = function(self._handle, ctypes.byref(job), *arguments, ctypes.byref(stats), ctypes.byref(error))
+                status = function(self._handle, ctypes.byref(job), *arguments, *(ctypes.byref(stats),)[:counts],
+                                  ctypes.byref(error))
             finally:
                 interrupt.end()
-            self._stats = stats
-            if lib.slt_diagnostic_count(self._handle) != self._told:
-                self._tell()
-        if status != _abi.SLT_OK:
-            interrupt.again()
-            if status == _abi.SLT_PROGRAM:
-                raise CompileError(text(lib.slt_diagnostics_text(self._handle)) or text(error.text), self.diagnostics)
-            raise_for(status, error)
-        interrupt.again()
+            if counts:
+                self._stats = stats
+        interrupt.again(status == _abi.SLT_OK)
+        if status == _abi.SLT_PROGRAM:
+            raise CompileError(text(lib.slt_diagnostics_text(self._handle)) or text(error.text), self.diagnostics)
+        raise_for(status, error)
+        self._tell()
         self._warn(stats)
 
     def _lent(self, params):
+        """The numbers of a call. Floats are read when it begins, integers as long as it runs: those are a copy, which no
+        other thread changes."""
+        if not params:
+            return self._floats, self._ints.copy()
+        if not isinstance(params, Mapping):
+            raise UsageError(f"params is a mapping of names to values, not {type(params).__name__}")
         floats, ints = self._floats.copy(), self._ints.copy()
-        values = _CallParams(self._layouts, floats, ints)
+        values = Params(self._layouts, floats, ints)
         for name, value in params.items():
             values[name] = value
         return floats, ints
 
     def _tell(self):
         """Warns of diagnostics that are new: some come when kernels are made."""
-        new = _diagnostics(self._handle, self._told)
-        self._told += len(new)
+        with self._lock:
+            if lib.slt_diagnostic_count(self._handle) == self._told:
+                return
+            new = _diagnostics(self._handle, self._told)
+            self._told += len(new)
         for one in new:
             if one.severity == "warning":
                 warnings.warn(SaltusWarning(str(one)), stacklevel=_outside())
@@ -471,7 +510,7 @@ class Program:
     def _out(self, out, shape):
         """Where the library writes, and what gets a copy of that behind the call (None: nothing)."""
         if out is None:
-            return as_image(np.empty(shape, np.float32), self.display), None
+            return as_image(empty(shape), self.display), None
         if not isinstance(out, np.ndarray) or out.dtype.kind != "f":
             raise UsageError(f"out is an array of floats, not {getattr(out, 'dtype', type(out).__name__)}")
         if out.shape != shape and out.shape + (1,) != shape:
@@ -480,7 +519,7 @@ class Program:
             raise UsageError("out cannot be written to")
         if out.dtype == np.float32 and out.dtype.isnative and out.flags.c_contiguous and out.flags.aligned:
             return out, None
-        return np.empty(shape, np.float32), out
+        return empty(shape), out
 
     def render(self, size: int | tuple[int, ...] | None = None, *, out: np.ndarray | None = None, params=None,
                progress: Callable[[float], Any] | None = None, **options) -> Image:
@@ -496,10 +535,10 @@ class Program:
         return copy
 
     def eval(self, x, *, streams=None, params=None, progress=None, **options) -> np.ndarray:
-        """f at points: x (..., dim), of a program in 1D also (n,). Returns float64 (..., channels). rand() depends on
-        `seed` and on the point's stream, an integer (...) (default: its number)."""
+        """f at points: x (..., dim), of a program in 1D also a number or (n,). Returns float64 (..., channels). rand()
+        depends on `seed` and on the point's stream, an integer (...) below 2^32 (default: its number)."""
         x = _real_array(x, "x")
-        points = x[..., None] if self.dim == 1 and (x.ndim == 0 or x.shape[-1] != 1) else x
+        points = x[..., None] if self.dim == 1 and x.ndim < 2 else x
         if points.ndim == 0 or points.shape[-1] != self.dim:
             raise UsageError(f"x has the shape {x.shape}, and the points of this program (..., {self.dim})")
         points = np.ascontiguousarray(points)
@@ -508,8 +547,10 @@ class Program:
             streams = np.asarray(streams)
             if streams.dtype.kind not in "iu" or streams.size != n:
                 raise UsageError(f"streams are {n} integers, one a point")
+            if n and (streams.min() < 0 or streams.max() > 0xffffffff):
+                raise UsageError("streams are from 0 to 4294967295")
             streams = np.ascontiguousarray(streams, np.uint32)
-        out = np.empty(points.shape[:-1] + (self.channels,))
+        out = empty(points.shape[:-1] + (self.channels,), np.float64)
         job = _job.make_job(self.dim, None, options)
         self._call(lib.slt_eval, job, n, points.ctypes.data, None if streams is None else streams.ctypes.data,
                    out.ctypes.data, progress=progress, params=params)
@@ -575,17 +616,17 @@ class Program:
             self._call(lib.slt_grad_adjoint, job, given.ctypes.data, gradient.ctypes.data,
                        bound.ctypes.data if stderr else None, params=params, progress=progress, wrt=wrt, derivatives=True)
             names = self._differentiated()
-        result = Gradient(self._layouts, gradient, None, names)
-        result.stderr = Gradient(self._layouts, bound, None, names) if stderr else None
-        return result
+        return self._gradient(gradient, bound, names)
 
     grad = vjp
 
     def jvp(self, direction: Mapping[str, Any], size: int | tuple[int, ...] | None = None, *, out=None, params=None,
             progress=None, **options) -> Image:
         """The derivative of the image along a direction, ``{"radius": 1.0}``; parameters that it does not name stay."""
+        if not direction:
+            raise UsageError("the direction names no parameter")
         directions = np.zeros(self._floats.size)
-        tangent = _Direction(self._layouts, directions, None, [n for n, l in self._layouts.items() if l.holds_floats])
+        tangent = Params(self._layouts, directions, None, [n for n, l in self._layouts.items() if l.holds_floats])
         for name, value in direction.items():
             tangent[name] = value
         job = _job.make_job(self.dim, size, options)
@@ -627,7 +668,7 @@ class Program:
         directions = np.zeros((len(rows), self._floats.size))
         for i, row in rows.items():
             directions[row, i] = 1
-        images = np.empty((len(rows),) + shape, np.float32)
+        images = empty((len(rows),) + shape)
         counted = np.zeros(shape[:-1], np.float32) if crossings else None
         self._images(job, directions, images, params, progress, names, counted)
 
@@ -647,19 +688,26 @@ class Program:
         self._call(lib.slt_grad_images, job, n, dirs, outs, None if crossings is None else crossings.ctypes.data,
                    params=params, progress=progress, wrt=wrt, derivatives=True)
 
-    def loss(self, target, *, mask=None, wrt=None, params=None, progress=None, **options) -> tuple[float, Gradient]:
+    def loss(self, target, *, mask=None, stderr: bool = False, wrt=None, params=None, progress=None,
+             **options) -> tuple[float, Gradient]:
         """The mean over pixels and channels of mask * (image - target)^2, and its gradient, which is not biased: image and
-        derivative have samples of their own. target: an image, or a file, at its own size."""
+        derivative have samples of their own. target: an image, or a file, at its own size. stderr: as of `vjp`."""
         target = self._target(target, None)
         job = _job.make_job(self.dim, tuple(reversed(target.shape[:-1])), options)
         mask = None if mask is None else self._mask(mask, target.shape)
         value, gradient = ctypes.c_double(), np.zeros(self._floats.size)
+        bound = np.zeros(self._floats.size) if stderr else None
         with self._lock:
             self._call(lib.slt_grad_loss, job, target.ctypes.data, None if mask is None else mask.ctypes.data,
-                       ctypes.byref(value), gradient.ctypes.data, None, None, params=params, progress=progress, wrt=wrt,
-                       derivatives=True)
+                       ctypes.byref(value), gradient.ctypes.data, bound.ctypes.data if stderr else None, None,
+                       params=params, progress=progress, wrt=wrt, derivatives=True)
             names = self._differentiated()
-        return value.value, Gradient(self._layouts, gradient, None, names)
+        return value.value, self._gradient(gradient, bound, names)
+
+    def _gradient(self, gradient, bound, names) -> Gradient:
+        result = Gradient(self._layouts, gradient, None, names)
+        result.stderr = None if bound is None else Gradient(self._layouts, bound, None, names)
+        return result
 
     def _target(self, target, size):
         """float32 (height, width, channels): an array as it is, a file at this size."""
@@ -688,12 +736,9 @@ class Program:
         if any(e.size != self.dim for e in ends):
             raise UsageError(f"points of this program have {self.dim} coordinates")
         a, b = ((ctypes.c_double * 3)(*e) for e in ends)
-        job, out, error = _job.make_job(self.dim, None, {}), initial(_abi.SltCrossing), _abi.SltError()
-        floats, ints = self._lent(params or {})
-        job.floats, job.ints = floats.ctypes.data, ints.ctypes.data
-        with self._lock:
-            raise_for(lib.slt_crossing(self._handle, ctypes.byref(job), a, b, stream, ctypes.byref(out),
-                                       ctypes.byref(error)), error)
+        job, out = _job.make_job(self.dim, None, {}), initial(_abi.SltCrossing)
+        self._call(lib.slt_crossing, job, a, b, _job.whole("stream", stream, 0, 0xffffffff), ctypes.byref(out),
+                   params=params, counts=False)
         names = (ctypes.c_char_p * _abi.SLT_DROP_REASONS).in_dll(lib, "slt_drop_names")
         return Crossing(out.found, np.array(out.x[:self.dim]), out.t, out.g, np.array(out.dg[:self.dim]),
                         np.array(out.f_before[:self.channels]), np.array(out.f_after[:self.channels]), out.site,
@@ -705,22 +750,26 @@ class Program:
         if lo.shape != hi.shape or lo.shape[-1] != self.dim:
             raise UsageError(f"corners have the shape (n, {self.dim})")
         out = (_abi.SltBound * len(lo))(*[initial(_abi.SltBound) for _ in lo])
-        job, error = _job.make_job(self.dim, None, {}), _abi.SltError()
-        floats, ints = self._lent(params or {})
-        job.floats, job.ints = floats.ctypes.data, ints.ctypes.data
-        with self._lock:
-            raise_for(lib.slt_bound(self._handle, ctypes.byref(job), len(lo), lo.ctypes.data, hi.ctypes.data, out,
-                                    ctypes.byref(error)), error)
+        self._call(lib.slt_bound, _job.make_job(self.dim, None, {}), len(lo), lo.ctypes.data, hi.ctypes.data, out,
+                   params=params, counts=False)
         return [Bound(b.settled, np.array(b.lo[:self.channels]), np.array(b.hi[:self.channels]), b.count, b.rough, b.unknown)
                 for b in out]
 
     def set_print(self, function: Callable[[str], Any] | None = print):
-        """Who gets the lines that shaders print(); None: nobody. Called by any thread of an estimate."""
+        """Who gets the lines that shaders print(); None: nobody. Called by any thread of an estimate; what it raises ends
+        the estimate, which raises it."""
+        running = self._running
+
         def printed(user, line, values, n):
+            call = running.call
+            if call and call.raised:
+                return
             try:
                 function(text(line))
-            except Exception as error:  # there is nobody above to whom it could go
-                warnings.warn(f"print: {error}")
+            except BaseException as error:
+                if not call:
+                    raise  # a callback of ctypes: Python prints it and goes on
+                call.stop(error)
         callback = _abi.SltPrint(printed) if function else _abi.SltPrint()
         error = _abi.SltError()
         with self._lock:
@@ -762,22 +811,17 @@ class _ProgramParams(Params):
             raise UsageError("the program is gone")
         program._set_text(name, value)
 
-
-class _CallParams(Params):
-    """Those of one call, or one direction: numbers only."""
-
-    def _set_text(self, name, value):
-        raise UsageError(f"{name}: a value for one call is numbers, not text; set p.params[{name!r}]")
-
-
-class _Direction(_CallParams):
-    pass
+    def __reduce__(self):
+        return Params, (self._layouts, self.vector, self._ints)  # a copy is of numbers, and of no program
 
 
 def _names(names) -> tuple[str, ...] | None:
     if names is None:
         return None
-    return (names,) if isinstance(names, str) else tuple(names)
+    names = (names,) if isinstance(names, str) else tuple(names)
+    if not names:
+        raise UsageError("wrt names nothing; None: all that can be differentiated")
+    return names
 
 
 def _real_array(x, what) -> np.ndarray:
@@ -792,7 +836,6 @@ _HERE = os.path.dirname(os.path.abspath(__file__))
 
 def _outside() -> int:
     """The stacklevel of the caller's own line, for warnings."""
-    import sys
     frame, level = sys._getframe(1), 1
     while frame.f_back and frame.f_code.co_filename.startswith(_HERE):
         frame, level = frame.f_back, level + 1

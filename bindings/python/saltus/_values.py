@@ -16,7 +16,8 @@ from . import _abi
 from ._errors import UsageError
 from ._library import initial, lib, text
 
-INTEGERS = {_abi.SLT_KIND_BOOL: np.int32, _abi.SLT_KIND_INT: np.int32, _abi.SLT_KIND_UINT: np.uint32}
+#: Of a bool, an int32 of 0 or 1, the lowest byte is looked at.
+INTEGERS = {_abi.SLT_KIND_BOOL: np.bool_, _abi.SLT_KIND_INT: np.int32, _abi.SLT_KIND_UINT: np.uint32}
 
 
 @dataclass(frozen=True)
@@ -65,8 +66,8 @@ class Layout:
         """The view of a parameter that is no struct. With channels, `floats` is (channels, n), and they come last."""
         shape = tuple(d[0] for d in self.dims)
         if self.kind != _abi.SLT_KIND_FLOAT:
-            base = ints.view(INTEGERS[self.kind])[self.ibase:]
-            return _strided(base, shape, tuple(d[2] for d in self.dims))
+            return _strided(ints[self.ibase:].view(INTEGERS[self.kind]), shape, tuple(d[2] for d in self.dims),
+                            ints.itemsize)
         if channels is None:
             return _strided(floats[self.fbase:], shape, tuple(d[1] for d in self.dims))
         return _strided(floats.reshape(-1)[self.fbase:], shape + (channels,),
@@ -79,10 +80,10 @@ class Layout:
                        if ints is not None or f.holds_floats}, len(self.dims))
 
 
-def _strided(base, shape, strides):
+def _strided(base, shape, strides, unit=8):
     if 0 in shape:
         return np.empty(shape, base.dtype)
-    return np.lib.stride_tricks.as_strided(base, shape, tuple(s * base.itemsize for s in strides))
+    return np.ndarray(shape, base.dtype, base, 0, tuple(s * unit for s in strides))
 
 
 class Record(MutableMapping):
@@ -137,6 +138,9 @@ class Record(MutableMapping):
     def __delitem__(self, key):
         raise TypeError("a struct keeps its fields")
 
+    def __reduce__(self):
+        return Record, (self._fields, self._rank)  # attributes are fields: these two are none
+
     def __iter__(self) -> Iterator[str]:
         return iter(self._fields)
 
@@ -170,6 +174,8 @@ def assign(view, value, name: str):
         raise UsageError(f"{name}: {error}") from None
     if given.dtype.kind not in "fiub":
         raise UsageError(f"{name}: numbers are wanted, not {given.dtype}")
+    if view.dtype.kind == "b" and not np.array_equal(given, given.astype(bool)):
+        raise UsageError(f"{name} is true or false, and {value} is neither")
     if view.dtype.kind in "iu" and given.dtype.kind == "f":
         if not np.array_equal(given, np.floor(given)):
             raise UsageError(f"{name} is an integer, and {value} is none")
@@ -193,10 +199,12 @@ class Values(Mapping):
     """Numbers in the shape of the parameters: ``values["centre"]`` is an array, ``values["discs"].radius`` a field, and
     ``values["discs[*].centre.x"]`` or ``values["discs[3].radius"]`` a part. All are views of ``vector``."""
 
+    _shown = "Values"
+
     def __init__(self, layouts: dict[str, Layout], vector, ints=None, names=None, channels=None):
         self._layouts, self._ints, self._channels = layouts, ints, channels
         self._names = list(layouts) if names is None else names
-        #: All floats: (n,), or with channels (channels, n).
+        #: All floats, float64: (n,), or with channels (channels, n).
         self.vector: np.ndarray = vector
 
     def __getitem__(self, name: str):
@@ -254,11 +262,12 @@ class Values(Mapping):
         return {name: copied(self[name]) for name in self}
 
     def __repr__(self):
-        return f"{type(self).__name__}(" + ", ".join(f"{name}={self[name]!r}" for name in self) + ")"
+        return f"{self._shown}(" + ", ".join(f"{name}={self[name]!r}" for name in self) + ")"
 
 
 class Gradient(Values):
     """Derivatives with respect to the parameters that `wrt` names, in their shape."""
+    _shown = "Gradient"
     #: Upper bounds of the standard errors, where they were asked for.
     stderr: Gradient | None = None
 
@@ -266,6 +275,7 @@ class Gradient(Values):
 class Params(Values, MutableMapping):
     """The parameters of a program. Arrays are views: ``p.params["centre"][0] = 0.3`` sets it. Assigning sets the whole:
     ``p.params["discs"] = {"centre": c, "radius": r}``; a string is read as ``saltus --param`` reads it, ``"@dem.exr"``."""
+    _shown = "Params"
 
     def __setitem__(self, name, value):
         if isinstance(value, str):
@@ -276,6 +286,9 @@ class Params(Values, MutableMapping):
         except KeyError as error:
             raise UsageError(error.args[0]) from None
         assign(view, value, name)
+
+    def _set_text(self, name, value):
+        raise UsageError(f"{name}: a value for one call, or of a copy, is numbers, not text; set p.params[{name!r}]")
 
     def __delitem__(self, name):
         raise TypeError("a program keeps its parameters")

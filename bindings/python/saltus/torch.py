@@ -15,7 +15,7 @@ import torch
 
 from ._errors import UsageError
 from ._program import Program
-from ._values import Gradient, Record
+from ._values import Record, Values
 
 __all__ = ["integral", "loss", "render"]
 
@@ -28,12 +28,10 @@ def _flat(tensors, prefix=""):
     for name, value in tensors.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{name}.")
-        elif isinstance(value, torch.Tensor):
-            if value.is_complex():
-                raise UsageError(f"{prefix}{name}: a tensor of real numbers is wanted, not of {value.dtype}")
-            yield prefix + name, value
+        elif isinstance(value, torch.Tensor) and value.is_complex():
+            raise UsageError(f"{prefix}{name}: a tensor of real numbers is wanted, not of {value.dtype}")
         else:
-            yield prefix + name, torch.as_tensor(np.asarray(value, np.float64))
+            yield prefix + name, value
 
 
 def _assigned(pairs) -> dict:
@@ -56,13 +54,13 @@ def _array(tensor):
     return tensor.detach().to("cpu", torch.float64).numpy().copy()
 
 
-def _pick(gradient: Gradient, name: str):
+def _pick(gradient: Values, name: str):
     """Of one tensor: a parameter, a component, or `discs.radius`, the field of all structs."""
     view = gradient
     if "[" in name or "." not in name:
         return view[name]
     for part in name.split("."):
-        if isinstance(view, (Gradient, Record)) and part in view:
+        if isinstance(view, (Values, Record)) and part in view:
             view = view[part]
         else:
             return gradient[name]
@@ -74,7 +72,7 @@ class _Estimate(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx, work, names, *tensors):
-        ctx.work, ctx.names = work, names
+        ctx.work, ctx.names, ctx.tensors = work, names, tensors
         ctx.kinds = [(t.dtype, t.device, tuple(t.shape)) for t in tensors]
         ctx.values = _assigned(zip(names, map(_array, tensors)))  # by value: an optimiser steps them in place
         return work.value(ctx.values)
@@ -89,14 +87,14 @@ class _Estimate(torch.autograd.Function):
                 out.append(None)
                 continue
             gradient = torch.from_numpy(np.array(found(name), np.float64)).reshape(shape).to(device, dtype)
-            # With create_graph what is returned must itself say no when it is asked for a derivative.
-            out.append(_Refuse.apply(gradient, adjoint) if torch.is_grad_enabled() else gradient)
+            # With create_graph what is returned depends on all of this, and must say no when it is asked how.
+            out.append(_Refuse.apply(gradient, adjoint, *ctx.tensors) if torch.is_grad_enabled() else gradient)
         return tuple(out)
 
 
 class _Refuse(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, gradient, adjoint):
+    def forward(ctx, gradient, *depends_on):
         return gradient.clone()
 
     @staticmethod
@@ -153,9 +151,23 @@ def _apply(work_of, params, tensors, options):
     seed = options.pop("seed", 0)
     if not 0 <= seed < 1 << 31:
         raise UsageError("seed is from 0 to 2^31 - 1: an image takes twice it, its derivative the next")
-    first = next((t for _, t in pairs if t.is_floating_point()), torch.empty(0))
+    given = [t for _, t in pairs if isinstance(t, torch.Tensor)]
+    first = next((t for t in given if t.is_floating_point()), torch.empty(0))
     work = work_of(seed, first.dtype, first.device)
-    return _Estimate.apply(work, [n for n, _ in pairs], *[t for _, t in pairs])
+    return _Estimate.apply(work, [n for n, _ in pairs], *[_shaped(work.program, n, t) for n, t in pairs])
+
+
+def _shaped(program, name, value):
+    """A tensor of the shape of the parameter: what is spread over it gets the sum of the derivatives."""
+    tensor = value if isinstance(value, torch.Tensor) else torch.as_tensor(np.asarray(value, np.float64))
+    try:
+        shape = np.shape(_pick(program.params, name))
+    except KeyError as error:
+        raise UsageError(error.args[0]) from None
+    try:
+        return tensor.reshape(shape) if tensor.numel() == 1 and shape == () else tensor.expand(shape)
+    except RuntimeError:
+        raise UsageError(f"{name} has the shape {shape}, and the tensor {tuple(tensor.shape)}") from None
 
 
 def render(program: Program, params: Mapping | None = None, size=None, *, dtype: torch.dtype | None = None, spp: int = 4,
@@ -185,7 +197,8 @@ def loss(function):
     ``p.fit(target, loss=saltus.torch.loss(torch.nn.functional.smooth_l1_loss))``."""
     def value_and_adjoint(image, target):
         at = torch.from_numpy(np.asarray(image)).requires_grad_()
-        value = function(at, None if target is None else torch.from_numpy(np.asarray(target)))
+        with torch.enable_grad():
+            value = function(at, None if target is None else torch.from_numpy(np.asarray(target)))
         (adjoint,) = torch.autograd.grad(value, at)
         return value.item(), adjoint.numpy()
     value_and_adjoint.__qualname__ = getattr(function, "__qualname__", "loss")
