@@ -111,6 +111,7 @@ SltStatus api_call_begin(ApiCall *c, SltProgram *p, const SltJob *job, SltStats 
     if (job && !api_struct_read(&c->job, sizeof c->job, job)) return api_struct_unknown(err, "SltJob");
     if (stats && !api_struct_read(&c->own, sizeof c->own, stats)) return api_struct_unknown(err, "SltStats");
     if (stats) c->stats = &c->own, c->theirs = stats;
+    for (uint32_t d = slt_dim(p); d < 3; d++) c->job.size[d] = 1; /* those axes do not count */
     p->threads = c->job.threads;
     take_floats(p, c->job.floats);
     return take_ints(p, c->job.ints, &c->ints, err);

@@ -118,8 +118,9 @@ static void count_nonfinite(ApiCall *c, double *v, size_t n, bool derivative) {
 /* The same of an image, or of one of derivatives in a direction. */
 static void count_nonfinite_pixels(ApiCall *c, const float *image, const double *direction) {
     if (!image || !c->stats) return;
-    size_t w = c->job.size[0], h = c->job.size[1], channels = c->p->prog->channels;
-    size_t n = w * h * c->job.size[2] * channels, first = n;
+    bool one = c->job.integral;
+    size_t w = one ? 1 : c->job.size[0], h = one ? 1 : c->job.size[1], d = one ? 1 : c->job.size[2];
+    size_t channels = c->p->prog->channels, n = w * h * d * channels, first = n;
     uint64_t bad = 0;
     for (size_t i = 0; i < n; i++) {
         if (isfinite(image[i])) continue;
@@ -127,7 +128,7 @@ static void count_nonfinite_pixels(ApiCall *c, const float *image, const double 
     }
     c->stats->nonfinite += bad;
     uint32_t pixel[3] = {(uint32_t)(first % w), (uint32_t)(first / w % h), (uint32_t)(first / w / h)};
-    Blame blame = {.pixel = pixel, .derivative = direction != NULL, .direction = direction};
+    Blame blame = {.pixel = one ? NULL : pixel, .derivative = direction != NULL, .direction = direction};
     if (bad) api_find_nonfinite(c->p, &c->job, &blame, c->stats);
 }
 

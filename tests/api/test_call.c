@@ -152,6 +152,37 @@ static void shapes_of_pixels(void **state) {
     }
 }
 
+/* Sizes along axes that the program lacks, and of an image where an integral is wanted, do not count: nothing is read
+ * or written there. */
+static void axes_that_do_not_count(void **state) {
+    (void)state;
+    enum { N = 9, BEHIND = 2048 };
+    SltError err;
+    SltOptions opt = SLT_OPTIONS_INIT;
+    SltProgram *curve = compile("param float a = 2.0; shader float main(float x) { return a * x; }"),
+               *plane = compile(disc);
+    opt.rgba8 = true;
+    SltProgram *bytes = compile_with("[Display] shader float3 main(float x) { return float3(x); }", opt);
+    SltJob job = SLT_JOB_INIT;
+    float image[N + BEHIND], *out[1] = {image};
+    uint32_t pixels[N + BEHIND];
+    const double direction[1] = {1}, *directions[1] = {direction};
+    for (int i = 0; i < N + BEHIND; i++) image[i] = NAN, pixels[i] = 7;
+    SltStats stats = SLT_STATS_INIT;
+    job.size[0] = N, job.size[2] = 3;
+    assert_ok(slt_render(curve, &job, image, &stats, &err));
+    assert_ok(slt_grad_images(curve, &job, 1, directions, out, NULL, &stats, &err));
+    assert_ok(slt_render_rgba8(bytes, &job, pixels, &stats, &err));
+    for (int i = N; i < N + BEHIND; i++) assert_true(isnan(image[i]) && pixels[i] == 7);
+    job.integral = true, job.samples = 256;
+    assert_ok(slt_render(plane, &job, image, &stats, &err));
+    assert_true(isfinite(image[0]));
+    assert_int_equal(stats.nonfinite, 0);
+    slt_program_free(curve);
+    slt_program_free(plane);
+    slt_program_free(bytes);
+}
+
 /* ---- sizes: as programs of an older and of a newer header would call */
 typedef struct NewerJob {
     SltJob known;
@@ -363,9 +394,9 @@ static void nothing_is_kept(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(own_parameters),  cmocka_unit_test(own_integers),
-                                       cmocka_unit_test(other_versions),  cmocka_unit_test(without_memory),
-                                       cmocka_unit_test(shapes),          cmocka_unit_test(nothing_is_kept),
-                                       cmocka_unit_test(shapes_of_pixels)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(own_parameters),   cmocka_unit_test(own_integers),
+                                       cmocka_unit_test(other_versions),   cmocka_unit_test(without_memory),
+                                       cmocka_unit_test(shapes),           cmocka_unit_test(nothing_is_kept),
+                                       cmocka_unit_test(shapes_of_pixels), cmocka_unit_test(axes_that_do_not_count)};
     return cmocka_run_group_tests(tests, scratch_make, scratch_drop);
 }
