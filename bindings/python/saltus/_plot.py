@@ -31,15 +31,17 @@ class Plot:
 
 
 def _ticks(lo, hi, log):
-    """Up to about five round numbers between two."""
+    """Three to seven round numbers between two."""
     if log:
-        step = max(1, math.ceil((hi - lo) / 5))
-        decades = [k for k in range(math.ceil(lo - 1e-9), math.floor(hi + 1e-9) + 1) if k % step == 0]
-        if len(decades) > 1:
-            return [(k, f"1e{k}" if abs(k) > 3 else f"{10.0 ** k:g}") for k in decades]
-        return [(v, f"{10 ** v:.2g}") for v in np.linspace(lo, hi, 3)]
-    step = 10.0 ** math.floor(math.log10((hi - lo) / 2))
-    step *= next(f for f in (5, 2, 1) if (hi - lo) / (f * step) >= 2)
+        for factors in (1, 2, 5), (1, 3), (1,):
+            found = [f * 10.0 ** k for k in range(math.floor(lo), math.ceil(hi) + 1) for f in factors]
+            found = [v for v in found if lo - 1e-9 <= math.log10(v) <= hi + 1e-9]
+            if len(found) <= 7:
+                break
+        found = found[::(len(found) + 6) // 7] if len(found) > 1 else [10 ** v for v in np.linspace(lo, hi, 3)]
+        return [(math.log10(v), f"{v:.3g}") for v in found]
+    step = 10.0 ** math.floor(math.log10((hi - lo) / 3))
+    step *= next(f for f in (5, 2, 1) if (hi - lo) / (f * step) >= 3)
     first = math.ceil(lo / step - 1e-9)
     return [(k * step, f"{k * step:.6g}") for k in range(first, math.floor(hi / step + 1e-9) + 1)]
 

@@ -1,0 +1,163 @@
+"""The notebooks of examples/notebooks run, in copies, and show what is committed; docs/notebooks are their pages.
+
+BLESS=1 writes outputs and pages anew: look at every picture then."""
+import base64
+import importlib.util
+import json
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+FOLDER = ROOT / "examples/notebooks"
+NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
+BLESS = bool(os.environ.get("BLESS"))
+HANGS = 600  # seconds after which a cell hangs, whatever else the machine does
+NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?")
+
+try:
+    import ipykernel  # noqa: F401
+    import nbclient
+    import nbformat
+    import numpy  # noqa: F401
+    import torch  # noqa: F401
+    ABSENT = None
+except ImportError as error:
+    ABSENT = f"{error}: ./bootstrap test installs what notebooks need"
+
+spec = importlib.util.spec_from_file_location("render", FOLDER / "render.py")
+render = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(render)
+
+
+def text_of(output):
+    """What an output says; None of a picture."""
+    if output["output_type"] == "stream":
+        return render.joined(output["text"])
+    if any(kind in output["data"] for kind in render.PICTURES):
+        return None
+    return re.sub("<[^>]*>", " ", render.joined(output["data"].get("text/html") or output["data"]["text/plain"]))
+
+
+def shown(cell):
+    """Texts and pictures in their order; neighbouring texts as one, since streams are cut by chance."""
+    found = []
+    for output in cell["outputs"]:
+        text = text_of(output)
+        if text is not None and found and found[-1] is not None:
+            found[-1] += text
+        else:
+            found.append(text)
+    return found
+
+
+def same(a, b):
+    """Words are the same, and numbers nearly: fits on another processor differ in their last places, and then in more."""
+    if (a is None) or (b is None):
+        return a is b
+    if NUMBER.sub("#", a).split() != NUMBER.sub("#", b).split():
+        return False
+    return all(abs(float(x) - float(y)) <= 0.02 + 0.15 * abs(float(x)) for x, y in zip(NUMBER.findall(a), NUMBER.findall(b)))
+
+
+@unittest.skipIf(ABSENT, ABSENT)
+class Case(unittest.TestCase):
+    """A copy of the examples that notebooks name, a kernel of this Python, and nobody's settings."""
+
+    def setUp(self):
+        self.dir = pathlib.Path(tempfile.mkdtemp(prefix="saltus-notebook-"))
+        self.addCleanup(shutil.rmtree, self.dir, ignore_errors=True)
+        self.folder = self.dir / "examples/notebooks"
+        self.folder.mkdir(parents=True)
+        kernel = self.dir / "jupyter/kernels/python3"
+        kernel.mkdir(parents=True)
+        (kernel / "kernel.json").write_text(json.dumps({
+            "argv": [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}"], "display_name": "Python 3", "language": "python"}))
+        library = os.environ.get("SALTUS_LIBRARY") or str(ROOT / "build/libsaltus.so.0")
+        here = {"JUPYTER_PATH": self.dir / "jupyter", "JUPYTER_RUNTIME_DIR": self.dir / "runtime", "JUPYTER_CONFIG_DIR": self.dir / "config",
+                "JUPYTER_DATA_DIR": self.dir / "data", "IPYTHONDIR": self.dir / "ipython", "XDG_CACHE_HOME": self.dir / "cache", "SALTUS_LIBRARY": library,
+                "PYTHONPATH": ROOT / "bindings/python", "PYTHONDONTWRITEBYTECODE": "1",
+                "PYDEVD_DISABLE_FILE_VALIDATION": "1"}
+        before = dict(os.environ)
+        os.environ.update({k: str(v) for k, v in here.items()})
+        self.addCleanup(lambda: (os.environ.clear(), os.environ.update(before)))
+
+    def execute(self, notebook):
+        for name in set(re.findall(r"\.\./(\w+)/", json.dumps(notebook["cells"]))):
+            if (ROOT / "examples" / name).is_dir():
+                shutil.copytree(ROOT / "examples" / name, self.dir / "examples" / name, dirs_exist_ok=True)
+        client = nbclient.NotebookClient(notebook, timeout=HANGS, kernel_name="python3", record_timing=False, resources={"metadata": {"path": str(self.folder)}})
+        client.execute()
+        return notebook
+
+
+def clean(notebook):
+    """What is committed: the same bytes from the same outputs."""
+    for cell in notebook["cells"]:
+        cell["metadata"] = {}
+        for output in cell.get("outputs", []):
+            output.get("metadata", {}).clear()
+            output.get("transient", {}).clear()
+            if any(kind in output.get("data", {}) for kind in render.PICTURES):
+                output["data"].pop("text/plain", None)  # an array, as text
+    notebook["metadata"] = {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}, "language_info": {"name": "python"}}
+    return notebook
+
+
+class Notebooks(Case):
+    def run_one(self, path):
+        committed = json.loads(path.read_text("utf-8"))
+        made = self.execute(nbformat.read(path, as_version=4))
+        if BLESS:
+            nbformat.write(clean(made), path)
+            committed = json.loads(path.read_text("utf-8"))
+        for old, new in zip(committed["cells"], made["cells"]):
+            if old["cell_type"] != "code":
+                continue
+            a, b = shown(old), shown(new)
+            self.assertTrue(len(a) == len(b) and all(map(same, a, b)), f"{path.name}:\n{render.joined(old['source'])}\nshows {a}\nand is committed with {b}")
+        data = path.read_text("utf-8")
+        self.assertLess(len(data), 1 << 20)
+        found = re.search("/(?:tmp|home|work|root|usr)/[^ ]*", data)
+        self.assertFalse(found, f"{path.name} has a path of this machine: {found and found[0]}")
+
+
+def add(path):
+    def test(self):
+        self.run_one(path)
+    setattr(Notebooks, "test_" + re.sub(r"\W", "_", path.stem), test)
+
+
+for path in NOTEBOOKS:
+    add(path)
+
+
+class Pages(unittest.TestCase):
+    """Of docs/notebooks; the standard library is enough."""
+
+    def test_pages_are_those_of_the_notebooks(self):
+        if BLESS:
+            subprocess.run([sys.executable, FOLDER / "render.py"], check=True)
+        made = render.pages()
+        there = {p.name: p.read_bytes() for p in render.PAGES.iterdir()}
+        self.assertEqual(sorted(made), sorted(there), "run examples/notebooks/render.py")
+        for name in made:
+            self.assertTrue(made[name] == there[name], f"docs/notebooks/{name} is not that of its notebook: run examples/notebooks/render.py")
+        self.assertGreater(len(made), 2 * len(NOTEBOOKS))
+
+    def test_pictures_are_small(self):
+        for path in NOTEBOOKS:
+            for cell in json.loads(path.read_text("utf-8"))["cells"]:
+                for output in cell.get("outputs", []):
+                    png = output.get("data", {}).get("image/png")
+                    if png:
+                        self.assertLess(len(base64.b64decode(render.joined(png))), 60 << 10)
+
+
+if __name__ == "__main__":
+    unittest.main()
