@@ -24,6 +24,7 @@ try:
     import ipykernel  # noqa: F401
     import nbclient
     import nbformat
+    from jupyter_client.manager import start_new_kernel
     import numpy  # noqa: F401
     import torch  # noqa: F401
     ABSENT = None
@@ -135,6 +136,79 @@ def add(path):
 
 for path in NOTEBOOKS:
     add(path)
+
+
+class Kernel(Case):
+    """What a notebook does while a fit runs."""
+
+    DISC = """
+import numpy as np, saltus
+p = saltus.compile('''param float radius = 0.3;
+[Domain(-1.0, 1.0)] shader float main(float2 x) { float f = 0.0; [Disc] if (length(x) < radius) f = 1.0; return f; }''')
+target = p.render(64, spp=4, params={"radius": 0.7})
+"""
+
+    def setUp(self):
+        super().setUp()
+        self.manager, self.client = start_new_kernel(kernel_name="python3", startup_timeout=HANGS, cwd=str(self.folder))
+        self.addCleanup(self.manager.shutdown_kernel, now=True)
+        self.addCleanup(self.client.stop_channels)
+        self.assertEqual(self.run_cell(self.DISC)[0]["status"], "ok")
+
+    def run_cell(self, code, seen=lambda message: None):
+        """The reply to a cell, and what it sent: (kind, content); `seen` is told of each."""
+        sent = []
+
+        def hook(message):
+            if message["msg_type"] not in ("status", "execute_input"):
+                sent.append((message["msg_type"], message["content"]))
+            seen(message)
+        reply = self.client.execute_interactive(code, timeout=HANGS, output_hook=hook)
+        return reply["content"], sent
+
+    def test_a_fit_updates_one_line(self):
+        reply, sent = self.run_cell("r = p.fit(target, iters=400, lr=0.01)")
+        self.assertEqual(reply["status"], "ok", reply)
+        kinds = [kind for kind, _ in sent]
+        self.assertEqual(kinds.count("display_data"), 1)
+        self.assertGreaterEqual(kinds.count("update_display_data"), 1)
+        self.assertEqual(set(kinds) - {"display_data", "update_display_data"}, set(), "a fit shows nothing else")
+        self.assertEqual(len({c["transient"]["display_id"] for kind, c in sent}), 1)
+        first, last = sent[0][1]["data"]["text/plain"], sent[-1][1]["data"]["text/plain"]
+        self.assertRegex(first, r"^\[\.{24}\] 1/400  loss [0-9.e-]+, best [0-9.e-]+$")
+        self.assertRegex(last, r"^\[#{24}\] 400/400  loss -?[0-9.e-]+, best -?[0-9.e-]+$")
+
+    def test_progress_may_be_off(self):
+        _, sent = self.run_cell("p.fit(target, iters=30, progress=False); None")
+        self.assertEqual(sent, [])
+
+    def test_interrupt_keeps_the_best(self):
+        """The kernel's interrupt ends a fit that would take hours, as a KeyboardInterrupt; the program has what it found."""
+        interrupted = []
+
+        def seen(message):
+            if message["msg_type"] == "update_display_data" and not interrupted:
+                interrupted.append(True)
+                self.manager.interrupt_kernel()
+        reply, _ = self.run_cell("p['radius'] = 0.3; best = []\n"
+                                 "p.fit(target, iters=10**7, lr=0.01, callback=lambda at: best.append((at.loss, float(at.params['radius']))) and None)", seen)
+        self.assertTrue(interrupted)
+        self.assertEqual((reply["status"], reply.get("ename")), ("error", "KeyboardInterrupt"))
+        reply, sent = self.run_cell("print(len(best) > 2, float(p['radius']) in [r for _, r in best], abs(p['radius'] - 0.7) < abs(0.3 - 0.7), p.render(8).shape)")
+        self.assertEqual(reply["status"], "ok", reply)
+        self.assertEqual("".join(c["text"] for kind, c in sent if kind == "stream"), "True True True (8, 8, 1)\n")
+
+    def test_interrupt_of_a_render(self):
+        interrupted = []
+
+        def seen(message):
+            if message["msg_type"] == "stream" and not interrupted:
+                interrupted.append(True)
+                self.manager.interrupt_kernel()
+        reply, _ = self.run_cell("print('begins', flush=True); p.render(4096, spp=1 << 16)", seen)
+        self.assertTrue(interrupted)
+        self.assertEqual((reply["status"], reply.get("ename")), ("error", "KeyboardInterrupt"))
+        self.assertEqual(self.run_cell("p.render(8)")[0]["status"], "ok")
 
 
 class Pages(unittest.TestCase):
