@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """render.py: the notebooks of this folder, with their outputs, as pages of docs/notebooks; pictures are files beside them.
 
-Only the standard library is used. tests/python/test_notebooks.py fails where the pages are not those of the notebooks."""
+Only the standard library is used. tests/python/test_rendered.py fails where the pages are not those of the notebooks."""
 import base64
 import html
 import json
@@ -88,11 +88,15 @@ def pages():
     return files
 
 
-if __name__ == "__main__":
+def write():
     PAGES.mkdir(exist_ok=True)
     made = pages()
     for old in PAGES.iterdir():
-        if old.name not in made and old.suffix in (".md", ".png", ".svg"):
+        if old.name not in made:
             old.unlink()
     for name, data in made.items():
         (PAGES / name).write_bytes(data)
+
+
+if __name__ == "__main__":
+    write()

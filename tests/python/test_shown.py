@@ -25,7 +25,11 @@ def paths(plot):
             for e in root.iter("{http://www.w3.org/2000/svg}path") if e.get("stroke-width")]
 
 
-class Plots(unittest.TestCase):
+class Case(unittest.TestCase):
+    pass
+
+
+class Plots(Case):
     def test_points_lie_in_proportion(self):
         (line,), (other,) = paths(saltus.plot({"a": ([0, 1, 4], [0.0, 1.0, 2.0])})), paths(saltus.plot({"a": [1, 100, 1e4]}, log=True))
         x, y = zip(*line)
@@ -70,7 +74,7 @@ class Plots(unittest.TestCase):
         self.assertNotIn("array", repr(result))
 
 
-class Strips(unittest.TestCase):
+class Strips(Case):
     def test_side_by_side(self):
         grey, colour = np.zeros((4, 5)), np.full((4, 2, 3), 0.5)
         strip = saltus.strip([grey, colour], gap=1)
