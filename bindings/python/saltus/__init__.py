@@ -11,9 +11,10 @@
 from ._errors import (CheckFailed, CompileError, Diagnostic, InputError, InternalError, LimitError, OutputError,
                       SaltusError, SaltusWarning, UsageError)
 from ._fit import FitResult, Iteration
-from ._images import Image, encode_png, read_image, save_png, write_image
+from ._images import Image, encode_png, read_image, save_png, strip, write_image
 from ._library import PATH as library_path
 from ._library import lib as _lib
+from ._plot import Plot, plot
 from ._program import Bound, Crossing, Integral, Program, Stats, compile, load
 from ._values import Gradient, Info, Params, Record, Values
 
@@ -21,9 +22,9 @@ __version__: str = _lib.slt_version().decode()
 
 __all__ = [
     "Bound", "CheckFailed", "CompileError", "Crossing", "Diagnostic", "FitResult", "Gradient", "Image", "Info",
-    "InputError", "Integral", "InternalError", "Iteration", "LimitError", "OutputError", "Params", "Program", "Record",
-    "SaltusError", "SaltusWarning", "Stats", "UsageError", "Values", "compile", "encode_png", "library_path", "load",
-    "read_image", "save_png", "write_image",
+    "InputError", "Integral", "InternalError", "Iteration", "LimitError", "OutputError", "Params", "Plot", "Program",
+    "Record", "SaltusError", "SaltusWarning", "Stats", "UsageError", "Values", "compile", "encode_png", "library_path",
+    "load", "plot", "read_image", "save_png", "strip", "write_image",
 ]
 
 

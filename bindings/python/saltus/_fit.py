@@ -15,6 +15,7 @@ from . import _abi, _job
 from ._errors import UsageError, c_path, c_string, raise_for
 from ._images import Image, as_image, floats32
 from ._library import free, initial, lib, text
+from ._plot import plot
 from ._progress import Bar
 from ._program import _STATS, UNKNOWN, Program, _Interrupt, _names, _sets
 from ._values import Gradient, Params
@@ -40,7 +41,7 @@ class Iteration:
     image: Image | None  #: of the first view; None where the entry is minimised
 
 
-@dataclass
+@dataclass(repr=False)
 class FitResult:
     """What a fit came to. The program has the best parameters that were found."""
     initial_loss: float
@@ -53,17 +54,15 @@ class FitResult:
 
     def _repr_svg_(self):
         """The curve of the losses, logarithmic."""
-        y = np.log10(np.maximum(np.where(np.isfinite(self.losses), self.losses, np.nan), 1e-300))
-        if y.size < 2 or not np.isfinite(y).any():
+        losses = np.asarray(self.losses)
+        if np.count_nonzero(np.isfinite(losses) & (losses > 0)) < 2:
             return None
-        lo, hi = float(np.nanmin(y)), float(np.nanmax(y))
-        span = (hi - lo) or 1
-        points = " ".join(f"{10 + 460 * i / (y.size - 1):.1f},{10 + 130 * (hi - v) / span:.1f}"
-                          for i, v in enumerate(y) if np.isfinite(v))
-        return (f'<svg xmlns="http://www.w3.org/2000/svg" width="480" height="170" font-family="sans-serif" font-size="11">'
-                f'<polyline points="{points}" fill="none" stroke="#3465a4" stroke-width="1.5"/>'
-                f'<text x="10" y="162" fill="gray">loss {10 ** hi:.3g} to {10 ** lo:.3g} in {self.iterations} iterations, '
-                f'{self.seconds:.2g} s: {self.stopped}</text></svg>')
+        return plot({"loss": losses}, log=True, title=f"best {self.loss:.3g}, {self.iterations} iterations, {self.seconds:.2g} s: "
+                    f"{self.stopped}").svg
+
+    def __repr__(self):
+        return (f"FitResult(initial_loss={self.initial_loss:.6g}, loss={self.loss:.6g}, iterations={self.iterations}, "
+                f"stopped={self.stopped!r}, seconds={self.seconds:.2g})")
 
 
 def _numbers(kept, name, given):

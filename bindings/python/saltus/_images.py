@@ -51,6 +51,27 @@ def as_image(array, display=False, signed=False) -> Image:
     return image
 
 
+def strip(images, gap: int = 4) -> Image:
+    """Pictures of one height side by side, as one: a film of a fit, a result beside its target. Arrays (height, width) or
+    (height, width, channels); grey beside colour becomes colour. Between them are `gap` columns of white (of signed
+    pictures: of 0). Display and signed are those of the first, which those of the others must be."""
+    images = list(images)
+    shown = [_picture(image) for image in images]
+    if not shown or any(s is None for s in shown):
+        raise UsageError("a strip is made of one or more pictures (height, width) or (height, width, channels)")
+    of = [(getattr(i, "display", False), getattr(i, "signed", False)) for i in images]
+    if len(set(of)) > 1:
+        raise UsageError("a strip is of pictures of one kind: linear, display or signed")
+    if len({s.shape[0] for s in shown}) > 1:
+        raise UsageError(f"the pictures of a strip have one height, not {', '.join(str(s.shape[0]) for s in shown)}")
+    channels = max(s.shape[2] for s in shown)
+    if any(s.shape[2] not in (1, channels) for s in shown):
+        raise UsageError(f"the pictures of a strip have 1 or {channels} channels")
+    between = np.full((shown[0].shape[0], gap, channels), 0 if of[0][1] else 1, np.float32)
+    parts = [p for s in shown for p in (between, np.broadcast_to(s, s.shape[:2] + (channels,)))][1:]
+    return as_image(np.concatenate(parts, axis=1).astype(np.float32), *of[0])
+
+
 def _picture(array):
     """(h, w, c) of what can be shown: an image, a curve as a strip, the middle slice of a volume; else None."""
     array = np.asarray(array)
