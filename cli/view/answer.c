@@ -215,14 +215,15 @@ static const char *type_of(ViewFormat format) {
 static void answer_image(Viewer *v, const Ask *ask) {
     SltJob job = job_of(v, ask->scale);
     SltError err = {0};
+    if (ask->draft) job.spp = 1;
     bool same = v->image.body && v->image.version == v->version && v->image.generation == v->generation &&
-                v->image.spp == v->spp && v->image.slice == v->slice && v->image.format == ask->format &&
+                v->image.spp == job.spp && v->image.slice == v->slice && v->image.format == ask->format &&
                 v->image.size[0] == job.size[0] && v->image.size[1] == job.size[1];
     if (!same) {
         blob_drop(v->image.body);
         v->image.version = v->version, v->image.generation = v->generation;
         v->image.size[0] = job.size[0], v->image.size[1] = job.size[1];
-        v->image.spp = v->spp, v->image.slice = v->slice, v->image.format = ask->format;
+        v->image.spp = job.spp, v->image.slice = v->slice, v->image.format = ask->format;
         v->image.body = make_image(v, &job, ask->format, &err);
     }
     if (!v->image.body) {

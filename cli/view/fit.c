@@ -264,9 +264,11 @@ void fit_end(Viewer *v, const char *reason) {
     v->fit_target = NULL;
     shown_sync(v->shown, &err);
     if (!reason) reason = result.reason[0] ? result.reason : words[result.stop];
+    Blob *values = shown_values(v->shown);
     pthread_mutex_lock(&v->lock);
+    blob_drop(v->values);
+    v->values = values, v->told = ++v->version; /* whoever sees that it ended sees what it found */
     v->fit.serial++, v->fit.running = false;
-    v->version++;
     snprintf(v->fit.reason, sizeof v->fit.reason, "%s", reason);
     pthread_mutex_unlock(&v->lock);
     viewer_wake(v);

@@ -57,7 +57,7 @@ function write(path, value) {
 }
 
 /* ---- the pump: one request at a time, the picture before its derivative */
-let pending = {}, settings = {}, wanted = false, running = false, refine = false, lastStep = 0, coarse = 1, drawn = 0;
+let pending = {}, settings = {}, wanted = false, running = false, refine = false, lastStep = -1e9, coarse = 1, drawn = 0;
 function step(path, value) {
   write(path, value);
   pending[path] = value;
@@ -73,18 +73,18 @@ function show() {
 async function pump() {
   running = true;
   while (wanted || refine) {
-    const moving = wanted && performance.now() - lastStep < 300;
+    const moving = state.fit.running || performance.now() - lastStep < 150;
     wanted = false;
     if (!program) break;
     const scale = moving && !state.fit.running ? coarse : 1;
-    if (refine && !moving) refine = false;
+    refine = false;
     const sent = { ...settings };
     if (Object.keys(pending).length) sent.params = pending;
     pending = {}, settings = {};
     const begun = performance.now();
     try {
       const curve = program.dim === 1;
-      const r = await ask(`/image?format=${curve ? "f32" : "rgba"}&scale=${scale}`, { method: "POST", body: JSON.stringify(sent) });
+      const r = await ask(`/image?format=${curve ? "f32" : "rgba"}&scale=${scale}&draft=${moving ? 1 : 0}`, { method: "POST", body: JSON.stringify(sent) });
       const data = await r.arrayBuffer(), w = +r.headers.get("X-Saltus-Width"), h = +r.headers.get("X-Saltus-Height");
       if (curve) drawCurve(new Float32Array(data), w, +r.headers.get("X-Saltus-Channels"));
       else draw($("image"), data, w, h);
@@ -93,11 +93,14 @@ async function pump() {
       body.dataset.shown = drawn;
       body.dataset.took = took.toFixed(2);
       $("took").textContent = `${w} × ${h}, ${took.toFixed(1)} ms`;
-      if (scale === 1 && took > SLOW && moving) coarse = Math.min(8, Math.ceil(Math.sqrt(took / SLOW)) + 1);
+      if (scale === 1 && took > SLOW && moving && !state.fit.running) coarse = Math.min(8, Math.ceil(Math.sqrt(took / SLOW)) + 1);
       if (scale === 1 && took < SLOW / 4) coarse = 1;
-      if (scale > 1 && !wanted) { refine = true; await new Promise(done => setTimeout(done, 150)); }
       drawPoints();
-      if (!wanted && !refine) await drawGradient();
+      refine = moving && (scale > 1 || state.spp > 1 || program.rand);
+      if (refine && !wanted) await new Promise(done => setTimeout(done, state.fit.running ? 0 : 150));
+      if (state.fit.running) refine = false;
+      if (!wanted) await drawGradient();
+      if (!wanted && !refine && $("show-cells").checked) await drawCells();
     } catch (e) {
       say(e.message);
       if (e.status === 409 && !state.fit.running && program) await new Promise(done => setTimeout(done, 50)), wanted = state.status === "ready" && e.message.startsWith("interrupted");
@@ -128,7 +131,14 @@ function plot() {
     const all = c.data.filter(Number.isFinite), lo = Math.min(0, ...all), hi = Math.max(ends ? 0 : 1e-30, ...all), span = hi - lo || 1;
     const y = v => h - margin - (v - lo) / span * (h - 2 * margin);
     g.setLineDash(dash);
-    if (!dash.length) {
+    if (dash.length) {
+      g.fillStyle = style.getPropertyValue("--warm");
+      g.font = "20px system-ui";
+      g.textAlign = "right";
+      g.fillText(short(hi), w - 8, margin - 4);
+      g.fillText(short(lo), w - 8, h - 4);
+      g.textAlign = "left";
+    } else {
       g.strokeStyle = style.getPropertyValue("--line");
       g.lineWidth = 1;
       g.strokeRect(0, y(0), w, 0);
@@ -154,6 +164,7 @@ async function drawGradient() {
   const component = $("component").value, curve1d = program.dim === 1;
   const off = !component || state.fit.running;
   $("overlay").hidden = off || curve1d;
+  $("frame").classList.toggle("derived", !off && !curve1d);
   $("scale").hidden = off || curve1d;
   $("gain-row").hidden = off || curve1d;
   delete body.dataset.gradient;
@@ -204,14 +215,14 @@ function slider(param, name, path, span) {
     else if (lo === undefined || v < lo || v > hi) { const m = Math.max(whole ? 8 : 1, Math.abs(v)); [lo, hi] = [v - m, v + m]; if (param.kind === "uint") lo = Math.max(0, lo); }
     range.min = to(lo), range.max = to(hi);
   };
-  range.addEventListener("input", () => { const v = whole ? Math.round(+range.value) : +from(+range.value).toPrecision(6); number.value = v; step(path, v); });
+  range.addEventListener("input", () => { const v = whole ? Math.round(+range.value) : +from(+range.value).toPrecision(5); number.value = v; step(path, v); });
   number.addEventListener("change", () => { const v = +number.value; if (number.value !== "" && Number.isFinite(v)) { limit(v); range.value = to(v); step(path, whole ? Math.round(v) : v); } });
   controls.push({ refresh() {
     const v = read(path);
     if (v === undefined || document.activeElement === number) return;
     limit(v);
     range.value = to(v);
-    number.value = whole ? v : +v.toPrecision(6);
+    number.value = whole ? v : +v.toPrecision(5);
   } });
   return row(name, param.doc, range, number);
 }
@@ -257,7 +268,10 @@ function many(param) {
   const holder = element("div", { class: "group", "data-array": param.name }), n = param.shape[0], at = chosen[param.name] = Math.min(chosen[param.name] || 0, n - 1);
   const number = element("input", { type: "number", min: 0, max: n - 1, value: at, "data-element": param.name, "aria-label": `element of ${param.name}` });
   number.addEventListener("change", () => choose(param.name, +number.value));
-  holder.append(row(`${param.name} (${n})`, param.doc, number), one({ ...param, shape: param.shape.slice(1) }, `${param.name}[${at}]`, `${param.name}[${at}]`));
+  const shown = one({ ...param, shape: param.shape.slice(1) }, `${param.name}[${at}]`, `${param.name}[${at}]`);
+  holder.append(row(`${param.name} (${n})`, param.doc, number));
+  if (param.kind === "struct") holder.append(...[...shown.children].slice(1));
+  else holder.append(shown);
   return holder;
 }
 function choose(array, index) {
@@ -430,15 +444,15 @@ function drawLosses() {
   let lo = Infinity, hi = -Infinity;
   for (const v of finite) lo = Math.min(lo, v), hi = Math.max(hi, v);
   const span = hi - lo || 1, every = Math.max(1, Math.floor(ok.length / 600));
-  const x = i => 34 + 262 * i / Math.max(1, ok.length - 1), y = v => 96 - 88 * (v - lo) / span;
+  const x = i => 40 + 256 * i / Math.max(1, ok.length - 1), y = v => 96 - 88 * (v - lo) / span;
   let d = "", pen = false;
   for (let i = 0; i < ok.length; i += every) {
     pen = pen && Number.isFinite(ok[i]);
     if (Number.isFinite(ok[i])) d += `${pen ? "L" : "M"}${x(i).toFixed(1)} ${y(ok[i]).toFixed(1)}`, pen = true;
   }
   const text = (px, py, t, anchor) => element("text", { x: px, y: py, "text-anchor": anchor }, t);
-  svg.replaceChildren(element("line", { x1: 34, y1: 96, x2: 296, y2: 96 }), element("line", { x1: 34, y1: 8, x2: 34, y2: 96 }), element("path", { d }),
-    text(30, 12, (10 ** hi).toPrecision(2), "end"), text(30, 96, (10 ** lo).toPrecision(2), "end"), text(296, 108, String(ok.length), "end"), text(34, 108, "1", "start"));
+  svg.replaceChildren(element("line", { x1: 40, y1: 96, x2: 296, y2: 96 }), element("line", { x1: 40, y1: 8, x2: 40, y2: 96 }), element("path", { d }),
+    text(36, 12, (10 ** hi).toPrecision(2), "end"), text(36, 96, (10 ** lo).toPrecision(2), "end"), text(296, 108, String(ok.length), "end"), text(40, 108, "1", "start"));
 }
 async function showTarget() {
   $("target").hidden = !state.target;
@@ -466,7 +480,7 @@ function layout() {
   const stage = $("stage").getBoundingClientRect(), narrow = matchMedia("(max-width: 760px)").matches;
   const ratio = program.dim === 1 ? 2 : (program.hi[0] - program.lo[0]) / (program.hi[1] - program.lo[1]);
   const room = narrow ? 0.75 * innerHeight : Math.max(160, stage.height - 110 - ($("message").hidden ? 0 : Math.min(stage.height * 0.4, $("message").scrollHeight) + 10));
-  const w = Math.min(stage.width - 40, room * ratio);
+  const w = Math.min(stage.width - (narrow ? 28 : 40), room * ratio);
   $("frame").style.width = `${w}px`;
   $("frame").style.height = `${w / ratio}px`;
   $("image").style.imageRendering = state.size[0] * 3 < w * devicePixelRatio ? "pixelated" : "auto";
@@ -489,6 +503,7 @@ async function takeState() {
     if (fresh && state.program) {
       program = state.program, values = state.values, slope = null, asked = crossing = null;
       $("entry").textContent = `${program.entry}, ${program.dim}D`;
+      $("spp").replaceChildren(...[...new Set([1, 4, 16, 64, state.spp])].sort((a, b) => a - b).map(n => element("option", {}, String(n))));
       $("spp").value = String(state.spp);
       $("slice-row").hidden = program.dim !== 3;
       $("slice").max = state.size[2] - 1;
@@ -499,7 +514,6 @@ async function takeState() {
       listComponents();
       losses = [];
       takeFit(state.fit);
-      if ($("show-cells").checked) drawCells();
       body.dataset.generation = state.generation;
       show();
     }
@@ -534,13 +548,13 @@ $("image").addEventListener("pointermove", e => {
   const box = $("frame").getBoundingClientRect();
   say(toDomain((e.clientX - box.left) / box.width, (e.clientY - box.top) / box.height).slice(0, program.dim === 1 ? 1 : 2).map(short).join(", "));
 });
-$("reset").addEventListener("click", () => { pending = {}; set("reset", true); lastStep = 0; });
+$("reset").addEventListener("click", () => { pending = {}; set("reset", true); });
 $("save").addEventListener("click", async () => {
   const link = element("a", { download: "params.json", href: URL.createObjectURL(await (await ask("/params")).blob()) });
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 });
-$("spp").addEventListener("change", () => set("spp", +$("spp").value));
+$("spp").addEventListener("change", () => { state.spp = +$("spp").value; set("spp", state.spp); });
 $("slice").addEventListener("input", () => { state.slice = +$("slice").value; $("slice-value").textContent = state.slice; set("slice", state.slice); });
 $("component").addEventListener("change", show);
 $("gain").addEventListener("input", show);

@@ -108,7 +108,8 @@ static void put_value(FILE *out, const Shown *s, const SltParam *q, uint32_t axi
         }
         fputs("}", out);
     } else if (q->kind == SLT_KIND_FLOAT) {
-        json_number(out, slt_floats(s->p)[f]);
+        if (s->p->opt.f64) json_number(out, slt_floats(s->p)[f]);
+        else json_number_f32(out, (float)slt_floats(s->p)[f]); /* as /params has it */
     } else if (q->kind == SLT_KIND_BOOL) {
         fputs(slt_ints(s->p)[i] ? "true" : "false", out);
     } else {

@@ -98,6 +98,7 @@ static const char *read_query(const HttpRequest *q, Ask *ask) {
     bool named = http_query(q->query, ask->kind == ASK_TARGET ? "name" : "component", ask->name, sizeof ask->name);
     if (ask->kind == ASK_GRADIENT && !named) return "component=NAME is wanted: a parameter, or one number of it";
     if (ask->kind == ASK_TARGET && !named) snprintf(ask->name, sizeof ask->name, "target.png");
+    ask->draft = http_query(q->query, "draft", text, sizeof text) && !strcmp(text, "1");
     ask->current = http_query(q->query, "current", text, sizeof text) && !strcmp(text, "1");
     if (ask->kind == ASK_POINT && !(http_query(q->query, "at", text, sizeof text) && read_point(text, ask)))
         return "at=X,Y is wanted";

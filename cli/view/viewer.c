@@ -246,6 +246,7 @@ static void show(Viewer *v, Shown *fresh) {
     v->told = ++v->version;
     v->values = values, v->program = blob_keep(fresh->text);
     memcpy(v->size, fresh->job.size, sizeof v->size);
+    if (v->generation == 0) v->slice = v->size[2] / 2;
     if (v->slice >= v->size[2]) v->slice = v->size[2] - 1;
     v->status = v->stale ? "compiling" : "ready";
     v->generation++, v->serial++;
@@ -324,7 +325,7 @@ int viewer_start(Viewer *v, Cli *c, int wake) {
                   .serial = 1,
                   .version = 1,
                   .size = {VIEW_SIDE, VIEW_SIDE, 1},
-                  .spp = c->spp_given ? c->job.spp : 1};
+                  .spp = c->job.spp};
     v->last = &v->first, v->replies_end = &v->replies;
     pthread_mutex_init(&v->lock, NULL);
     pthread_cond_init(&v->compile, NULL);
@@ -339,6 +340,10 @@ int viewer_start(Viewer *v, Cli *c, int wake) {
     bool display = slt_is_display(s->p);
     publish(v, s, status, text);
     if (c->target && fit_open_target(v, c->target, display, &err) != SLT_OK) return cli_fail(c, &err);
+    if (v->fresh) {
+        show(v, v->fresh);
+        v->fresh = NULL;
+    }
     return start_threads(v) ? SLT_OK : cli_error(SLT_LIMIT, "no threads could be had");
 }
 

@@ -60,6 +60,7 @@ typedef struct Ask {
     ViewFormat format;
     uint32_t scale; /* of an image: every so many pixels one */
     double gain;    /* of a gradient's colours */
+    bool draft;     /* of an image: one sample a pixel, in its middle */
     bool current;   /* of a target: what is on show */
     char name[256]; /* of a gradient: the component; of a target: the file */
     double x[3];    /* of a point */
