@@ -32,19 +32,23 @@ static void drain(int fd) {
     while (read(fd, bytes, sizeof bytes) > 0) continue;
 }
 
+static void follow(Served *s, Files *files, uint64_t *seen, bool *failed) {
+    char *lines = viewer_files(s->viewer, seen, failed);
+    if (lines && files_set(files, lines)) viewer_compile(s->viewer);
+    free(lines);
+}
+
 static void serve(Served *s, Files *files, int woken) {
     const int fds[] = {woken, files ? files_fd(files) : -1};
     uint64_t seen = 0;
-    double next_tell = 0;
+    double next_tell = 0; /* at once: a save may have been missed already */
     bool failed = false;
     while (!s->over && !watch_ended()) {
         double wait = 1e3 * (next_tell - cli_now()) + (s->untold ? 0 : IDLE_MILLISECONDS);
         uint32_t ready = http_poll(s->http, fds, files ? 2 : 1, wait > 0 ? (int)wait + 1 : 0);
         if (ready & 1) drain(woken), s->untold = true;
         serve_replies(s);
-        char *list = files ? viewer_files(s->viewer, &seen, &failed) : NULL;
-        if (list) files_set(files, list);
-        free(list);
+        if (files) follow(s, files, &seen, &failed);
         if (ready & 2 && files_changed(files, failed)) viewer_compile(s->viewer);
         double now = cli_now();
         if (now >= next_tell + (s->untold ? 0 : 1e-3 * IDLE_MILLISECONDS)) {

@@ -7,13 +7,11 @@
 #include "cli/view/viewer.h"
 #include "runtime/base/text.h"
 
-static int http_status(SltStatus status) {
-    return status == SLT_OK ? 200 : status == SLT_INTERRUPTED ? 409 : status == SLT_INTERNAL ? 500 : 422;
-}
-
-static void fail(Viewer *v, const Ask *ask, const SltError *err) {
-    bool anew = err->status == SLT_INTERRUPTED;
-    viewer_refuse(v, ask, http_status(err->status), "%s", anew ? "interrupted: ask again" : err->text);
+/* False: it was interrupted, and is to be asked again. */
+static bool fail(Viewer *v, const Ask *ask, const SltError *err) {
+    if (err->status == SLT_INTERRUPTED) return false;
+    viewer_refuse(v, ask, err->status == SLT_INTERNAL ? 500 : 422, "%s", err->text);
+    return true;
 }
 
 /* ---- values */
@@ -212,7 +210,7 @@ static const char *type_of(ViewFormat format) {
     return format == FORMAT_PNG ? "image/png" : "application/octet-stream";
 }
 
-static void answer_image(Viewer *v, const Ask *ask) {
+static bool answer_image(Viewer *v, const Ask *ask) {
     SltJob job = job_of(v, ask->scale);
     SltError err = {0};
     if (ask->draft) job.spp = 1;
@@ -226,10 +224,7 @@ static void answer_image(Viewer *v, const Ask *ask) {
         v->image.spp = job.spp, v->image.slice = v->slice, v->image.format = ask->format;
         v->image.body = make_image(v, &job, ask->format, &err);
     }
-    if (!v->image.body) {
-        fail(v, ask, &err);
-        return;
-    }
+    if (!v->image.body) return fail(v, ask, &err);
     char headers[200];
     snprintf(headers, sizeof headers,
              "X-Saltus-Width: %u\r\nX-Saltus-Height: %u\r\nX-Saltus-Channels: %u\r\nX-Saltus-Version: %llu\r\n"
@@ -237,6 +232,7 @@ static void answer_image(Viewer *v, const Ask *ask) {
              job.size[0], job.size[1], ask->format == FORMAT_F32 ? slt_channels(v->shown->p) : 4,
              (unsigned long long)v->version, v->generation);
     viewer_answer(v, ask, 200, type_of(ask->format), headers, blob_keep(v->image.body));
+    return true;
 }
 
 /* ---- gradients */
@@ -259,7 +255,7 @@ static double draw_gradient(const float *from, size_t pixels, uint32_t channels,
     return scale;
 }
 
-static void answer_gradient(Viewer *v, const Ask *ask) {
+static bool answer_gradient(Viewer *v, const Ask *ask) {
     SltJob job = job_of(v, ask->scale);
     SltError err = {0};
     uint32_t channels = slt_channels(v->shown->p), dim = slt_dim(v->shown->p), depth = dim == 3 ? job.size[2] : 1;
@@ -267,7 +263,7 @@ static void answer_gradient(Viewer *v, const Ask *ask) {
     job.spp = v->shown->job.spp;
     if ((double)pixels * depth * channels > 1u << 28) {
         viewer_refuse(v, ask, 422, "a volume of %ux%ux%u is too large for a gradient", job.size[0], job.size[1], depth);
-        return;
+        return true;
     }
     pthread_mutex_lock(&v->lock);
     snprintf(v->overlay, sizeof v->overlay, "%s", ask->name);
@@ -281,8 +277,9 @@ static void answer_gradient(Viewer *v, const Ask *ask) {
     else if (status == SLT_OK) scale = draw_gradient(slice, pixels, channels, ask->gain, b->data);
     Blob *png = status == SLT_OK && ask->format == FORMAT_PNG ? encode_png(b, job.size[0], job.size[1], &err) : NULL;
     if (ask->format == FORMAT_PNG) blob_drop(b), b = png;
+    bool done = true;
     if (status != SLT_OK || !b) {
-        fail(v, ask, &err);
+        done = fail(v, ask, &err);
         blob_drop(b);
     } else {
         char headers[200];
@@ -294,6 +291,7 @@ static void answer_gradient(Viewer *v, const Ask *ask) {
         viewer_answer(v, ask, 200, type_of(ask->format), headers, b);
     }
     free(image);
+    return done;
 }
 
 /* ---- what looks into the program, inside session_protect */
@@ -314,24 +312,22 @@ static void look(Session *s, void *user) {
     else l->status = explain_point(shown->p, &shown->traced, l->ask->x, &l->point, &l->err);
 }
 
-static void answer_look(Viewer *v, const Ask *ask) {
+static bool answer_look(Viewer *v, const Ask *ask) {
     Looking l = {.v = v, .ask = ask};
     SltProgram *p = v->shown->p;
     double f[4];
     uint32_t dim = slt_dim(p);
     if (ask->kind == ASK_POINT && ask->nx != dim) {
         viewer_refuse(v, ask, 422, "at wants %u number%s for this domain", dim, dim == 1 ? "" : "s");
-        return;
+        return true;
     }
     /* An evaluation brings what is computed from parameters up to date. */
-    if (slt_eval(p, NULL, 1, ask->x, NULL, f, NULL, &l.err) != SLT_OK) {
-        fail(v, ask, &l.err);
-        return;
-    }
+    if (slt_eval(p, NULL, 1, ask->x, NULL, f, NULL, &l.err) != SLT_OK) return fail(v, ask, &l.err);
     int unwound = session_protect(p->session, look, &l);
     if (unwound) status_fail(&l.err, l.status = (SltStatus)unwound, "%s", p->session->unwind_text);
+    bool done = true;
     if (l.status != SLT_OK) {
-        fail(v, ask, &l.err);
+        done = fail(v, ask, &l.err);
     } else if (ask->kind == ASK_CELLS) {
         char headers[200];
         snprintf(headers, sizeof headers,
@@ -349,6 +345,7 @@ static void answer_look(Viewer *v, const Ask *ask) {
     }
     explain_free_point(&l.point);
     free(l.cells.svg);
+    return done;
 }
 
 /* ---- */
@@ -365,25 +362,26 @@ static void answer_params(Viewer *v, const Ask *ask) {
     free(text);
 }
 
-void answer_ask(Viewer *v, const Ask *ask) {
+bool answer_ask(Viewer *v, const Ask *ask) {
     if (!v->shown) {
         viewer_refuse(v, ask, 409, "there is no program yet: the source has errors");
-        return;
+        return true;
     }
     bool uses = ask->kind == ASK_GRADIENT || ask->kind == ASK_CELLS || ask->kind == ASK_POINT || ask->kind == ASK_FIT;
     if (uses && v->fitting) {
         viewer_refuse(v, ask, 409, "a fit is running, which has the program: POST /fit/stop ends it");
-        return;
+        return true;
     }
     switch (ask->kind) {
     case ASK_SET: answer_version(v, ask); break;
-    case ASK_IMAGE: answer_image(v, ask); break;
-    case ASK_GRADIENT: answer_gradient(v, ask); break;
+    case ASK_IMAGE: return answer_image(v, ask);
+    case ASK_GRADIENT: return answer_gradient(v, ask);
     case ASK_CELLS:
-    case ASK_POINT: answer_look(v, ask); break;
+    case ASK_POINT: return answer_look(v, ask);
     case ASK_PARAMS: answer_params(v, ask); break;
     case ASK_TARGET: fit_take_target(v, ask); break;
     case ASK_SHOW_TARGET: fit_show_target(v, ask); break;
     case ASK_FIT: fit_begin(v, ask); break;
     }
+    return true;
 }

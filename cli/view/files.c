@@ -6,6 +6,7 @@
 #include <string.h>
 #include <sys/inotify.h>
 #include <unistd.h>
+#include <xxhash.h>
 
 #include "cli/cli.h"
 
@@ -30,39 +31,65 @@ Files *files_watch(void) {
 
 int files_fd(const Files *w) { return w->fd; }
 
-static void add(Files *w, const char *path) {
+static bool is_watched(const Watched *all, uint32_t n, int folder, const char *name) {
+    for (uint32_t i = 0; i < n; i++)
+        if (all[i].folder == folder && !strcmp(all[i].name, name)) return true;
+    return false;
+}
+
+static bool holds_else(const char *path, uint64_t hash) {
+    uint8_t *bytes;
+    size_t size;
+    SltError ignored;
+    if (!hash || file_read_all(path, &file_text, &bytes, &size, &ignored) != SLT_OK) return false;
+    bool other = files_hash(bytes, size) != hash;
+    free(bytes);
+    return other;
+}
+
+static void forget(Watched *all, uint32_t n) {
+    for (uint32_t i = 0; i < n; i++) free(all[i].name);
+    free(all);
+}
+
+/* The folder's watch, or -1. */
+static int add(Files *w, const char *path) {
     char folder[PATH_MAX];
     const char *slash = strrchr(path, '/');
     size_t n = slash ? (size_t)(slash - path) : 0;
-    if (n >= sizeof folder) return;
+    if (n >= sizeof folder) return -1;
     memcpy(folder, path, n);
     strcpy(folder + n, !slash ? "." : n ? "" : "/");
     /* Written and closed, or moved into place: the file is whole then. */
     int id = inotify_add_watch(w->fd, folder, IN_CLOSE_WRITE | IN_MOVED_TO | IN_ONLYDIR);
-    if (id < 0) return;
+    if (id < 0) return -1;
     w->all = cli_need(realloc(w->all, (w->n + 1) * sizeof *w->all));
     w->all[w->n++] = (Watched){id, cli_need(strdup(slash ? slash + 1 : path))};
+    return id;
 }
 
-static void forget(Files *w) {
-    for (uint32_t i = 0; i < w->n; i++) free(w->all[i].name);
-    w->n = 0;
-}
+uint64_t files_hash(const void *data, size_t size) { return XXH64(data, size, 0) | 1; }
 
-void files_set(Files *w, const char *list) {
-    forget(w);
-    while (*list) {
-        char path[PATH_MAX], real[PATH_MAX];
-        size_t n = strcspn(list, "\n");
+bool files_set(Files *w, const char *lines) {
+    Watched *before = w->all;
+    const uint32_t nbefore = w->n;
+    bool missed = false;
+    w->all = NULL, w->n = 0;
+    while (*lines) {
+        char path[PATH_MAX], real[PATH_MAX], *name;
+        uint64_t hash = strtoull(lines, &name, 16);
+        size_t n = strcspn(++name, "\n");
         if (n && n < sizeof path) {
-            memcpy(path, list, n);
+            memcpy(path, name, n);
             path[n] = 0;
-            add(w, path);
+            if (add(w, path) >= 0 && !is_watched(before, nbefore, w->all[w->n - 1].folder, w->all[w->n - 1].name))
+                missed |= holds_else(path, hash);
             if (realpath(path, real) && strcmp(real, path) != 0) add(w, real); /* what a link leads to */
         }
-        list += n;
-        if (*list) list++;
+        lines = name + n + 1;
     }
+    forget(before, nbefore);
+    return missed;
 }
 
 static bool is_source(const char *name) {
@@ -78,16 +105,14 @@ bool files_changed(Files *w, bool any_source) {
             const struct inotify_event *e = (const void *)at;
             at += sizeof *e + e->len;
             changed |= (e->mask & IN_Q_OVERFLOW) || (any_source && e->len && is_source(e->name));
-            for (uint32_t i = 0; i < w->n && e->len; i++)
-                changed |= w->all[i].folder == e->wd && !strcmp(w->all[i].name, e->name);
+            changed |= e->len && is_watched(w->all, w->n, e->wd, e->name);
         }
     return changed;
 }
 
 void files_free(Files *w) {
     if (!w) return;
-    forget(w);
-    free(w->all);
+    forget(w->all, w->n);
     close(w->fd);
     free(w);
 }

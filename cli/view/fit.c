@@ -39,7 +39,7 @@ static SltStatus draw_current(Viewer *v, Image *im, SltError *err) {
     SltJob job = v->shown->job;
     SltStatus status = image_create(im, (int)job.size[0], (int)job.size[1], (int)slt_channels(v->shown->p), err);
     if (status != SLT_OK) return status;
-    job.interior = SLT_INTERIOR_SAMPLES, job.cancel = &v->cancel;
+    job.interior = SLT_INTERIOR_SAMPLES;
     job.seed ^= 0x2545f491; /* others than the fit's */
     status = slt_render(v->shown->p, &job, im->data, NULL, err);
     if (status != SLT_OK) image_free(im);

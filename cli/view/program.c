@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cli/view/files.h"
 #include "cli/view/viewer.h"
 #include "runtime/base/text.h"
 
@@ -143,11 +144,12 @@ static void list_files(Shown *s, const Cli *c) {
     Text made;
     FILE *out = cli_need(text_open(&made));
     for (uint32_t i = 0; i < s->p->session->nsources; i++) {
-        const char *path = s->p->session->sources[i].path;
-        if (*path != '<') fprintf(out, "%s\n", path);
+        const Source *source = &s->p->session->sources[i];
+        if (*source->path == '<') continue;
+        fprintf(out, "%llx %s\n", (unsigned long long)files_hash(source->text, source->len), source->path);
     }
-    for (uint32_t i = 0; i < c->nparam_files; i++) fprintf(out, "%s\n", c->param_files[i].value);
-    if (c->params_file) fprintf(out, "%s\n", c->params_file);
+    for (uint32_t i = 0; i < c->nparam_files; i++) fprintf(out, "0 %s\n", c->param_files[i].value);
+    if (c->params_file) fprintf(out, "0 %s\n", c->params_file);
     s->files = cli_need(text_close(&made));
 }
 

@@ -254,6 +254,17 @@ static void show(Viewer *v, Shown *fresh) {
     viewer_wake(v);
 }
 
+/* What was interrupted, as there is a new program or a fit is to stop. Its values are set. */
+static void ask_again(Viewer *v, Ask *ask) {
+    blob_drop(ask->body);
+    ask->body = NULL;
+    pthread_mutex_lock(&v->lock);
+    ask->next = v->first;
+    if (!v->first) v->last = &ask->next;
+    v->first = ask, v->asks++;
+    pthread_mutex_unlock(&v->lock);
+}
+
 /* What asks for values or an image is answered when all such asks that wait have set theirs: the last wins, and no
  * image is made that is old already. */
 static void answer_all(Viewer *v, Ask *list) {
@@ -261,8 +272,8 @@ static void answer_all(Viewer *v, Ask *list) {
         if (a->kind <= ASK_IMAGE && !answer_set(v, a)) a->id = 0; /* refused, and answered */
     while (list) {
         Ask *next = list->next;
-        if (list->id) answer_ask(v, list);
-        viewer_free_ask(list);
+        if (!list->id || answer_ask(v, list)) viewer_free_ask(list);
+        else ask_again(v, list);
         list = next;
     }
 }

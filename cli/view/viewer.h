@@ -37,7 +37,7 @@ typedef struct Shown {
     Fn *traced;         /* for explain_point */
     char overlay[256];  /* the component that slt_wrt names; "": none yet */
     Blob *text;         /* what is told of it: members of the object that /state is */
-    char *files;        /* that it is made of, each ended by a newline */
+    char *files;        /* that it is made of, for files_set */
 } Shown;
 
 typedef enum AskKind {
@@ -137,7 +137,7 @@ Reply *viewer_reply(Viewer *v); /* the next, which is the caller's: malloc'd; NU
 void viewer_stop_fit(Viewer *v);
 Blob *viewer_state(Viewer *v);                   /* all that is told, as an object */
 Blob *viewer_tell(Viewer *v, uint64_t place[4]); /* HttpTeller */
-/* The files of the program, each ended by a newline, malloc'd, when `seen` is older than they are; else NULL. */
+/* The files of the program for files_set, malloc'd, when `seen` is older than they are; else NULL. */
 char *viewer_files(Viewer *v, uint64_t *seen, bool *failed);
 /* For the other files, on the computing thread. */
 void viewer_answer(Viewer *v, const Ask *ask, int status, const char *type, const char *headers, Blob *body);
@@ -157,7 +157,7 @@ SltStatus shown_gradient(Shown *s, const SltJob *job, const char *component, flo
 
 /* answer.c: an Ask but for ASK_SET and ASK_IMAGE, whose bodies answer_set takes first, all that wait together. */
 bool answer_set(Viewer *v, const Ask *ask); /* false: it was refused */
-void answer_ask(Viewer *v, const Ask *ask);
+bool answer_ask(Viewer *v, const Ask *ask); /* false: it was interrupted */
 
 /* fit.c */
 SltStatus fit_open_target(Viewer *v, const char *path, bool display, SltError *err); /* before the threads begin */
