@@ -95,6 +95,7 @@ async function pump() {
       $("took").textContent = `${w} × ${h}, ${took.toFixed(1)} ms`;
       if (scale === 1 && took > SLOW && moving && !state.fit.running) coarse = Math.min(8, Math.ceil(Math.sqrt(took / SLOW)) + 1);
       if (scale === 1 && took < SLOW / 4) coarse = 1;
+      if (sent.reset) values = (await (await ask("/state")).json()).values, refresh();
       drawPoints();
       refine = moving && (scale > 1 || state.spp > 1 || program.rand);
       if (refine && !wanted) await new Promise(done => setTimeout(done, state.fit.running ? 0 : 150));

@@ -270,6 +270,7 @@ static void ask_again(Viewer *v, Ask *ask) {
 static void answer_all(Viewer *v, Ask *list) {
     for (Ask *a = list; a; a = a->next)
         if (a->kind <= ASK_IMAGE && !answer_set(v, a)) a->id = 0; /* refused, and answered */
+    viewer_changed(v);                                            /* whoever is answered finds the new values */
     while (list) {
         Ask *next = list->next;
         if (!list->id || answer_ask(v, list)) viewer_free_ask(list);

@@ -136,7 +136,7 @@ class Images(Case):
             step(i)
         for i in range(200):
             v.get("/point?at=0.3,%g" % (0.001 * i))
-        self.assertLess(v.memory() - before, (64 if os.environ.get("SALTUS_SANITIZE") else 2) << 20)
+        self.assertLess(v.memory() - before, (1024 if os.environ.get("SALTUS_SANITIZE") else 2) << 20)
 
 
 class Follows(Case):
