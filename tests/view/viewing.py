@@ -53,10 +53,6 @@ class Stream(threading.Thread):
 
 class Viewer:
     def __init__(self, case, *args, env=None):
-        env = dict(env or {})
-        if os.environ.get("SALTUS_SANITIZE") == "thread":  # which does not see LLVM's own locks
-            case.put("llvm.txt", "called_from_lib:libLLVM\n")
-            env["TSAN_OPTIONS"] = "suppressions=" + case.path("llvm.txt")
         self.process = case.start_cli("view", *args, "--json", env=env)
         line = self.process.stdout.readline()
         if not line:
@@ -151,6 +147,12 @@ class Case(harness.Case):
             self.assertNotIn("Sanitizer", text)
             self.assertIn(status, (0, 2, 6, 130), text)
         super().tearDown()
+
+    def environment(self, env=None):
+        e = super().environment(env)
+        if os.environ.get("SALTUS_SANITIZE") == "thread":  # which does not see how LLVM locks its own
+            e["TSAN_OPTIONS"] = "suppressions=" + self.path(self.put("llvm.txt", "race:libLLVM\n"))
+        return e
 
     def view(self, *args, source=None, name="a.salt", env=None):
         self.put(name, source or self.source)
