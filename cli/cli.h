@@ -126,7 +126,9 @@ struct Cli {
     bool cost;
     /* bound */
     const char *box;
-    bool stdio;                                                        /* lsp: said, and so anyway */
+    bool stdio; /* lsp: said, and so anyway */
+    /* view */
+    uint32_t port;                                                     /* 0: any */
     bool samples_given, iters_given, optimizer_given, estimator_given; /* the option was there */
     char *args_storage[CLI_MAX_KEPT]; /* malloc'd pieces of arguments, which members above point at */
     uint32_t nargs_storage;
@@ -204,7 +206,10 @@ SltStatus watch_status(SltStatus status); /* SLT_LIMIT in place of SLT_INTERRUPT
 void watch_effort(double seconds);
 bool watch_spent(void);     /* and that was why a call was interrupted */
 bool cli_interrupted(void); /* by a signal */
-void child_abandon(void);   /* child.c: the process is about to end: so do the programs that it started */
+/* A byte is written to fd (-1: to none) when a signal or the limit of time asks for an end. */
+void watch_wakes(int fd);
+bool watch_ended(void);   /* one of them has */
+void child_abandon(void); /* child.c: the process is about to end: so do the programs that it started */
 
 /* effort.c: slt_grad_integral within a quarter of a minute unless an option says how much is to be done: with fewer
  * lines, which is said, or at last *without the boundary. */

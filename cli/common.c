@@ -254,7 +254,7 @@ static void tell_costs(const Cli *c, const SltProgram *p) {
     uint64_t all = 0, most = 0;
     uint32_t line = 0, column, worst_line = 0, moving = 0;
     const SiteInfo *worst = NULL;
-    if (c->verb->bit & (RENDER | BOUND) || c->job.no_boundary) return;
+    if (c->verb->bit & (RENDER | BOUND | VIEW) || c->job.no_boundary) return;
     for (uint32_t s = 0; s < primal->nsites; s++) {
         const SiteInfo *i = &primal->sites[s];
         if (i->still) continue;

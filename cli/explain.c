@@ -308,71 +308,6 @@ static void json_program(const Explained *m, SltProgram *p) {
 }
 
 /* ---- a point */
-static void list_numbers(const char *key, const double *v, uint32_t n) {
-    printf("\"%s\": [", key);
-    for (uint32_t k = 0; k < n; k++) fputs(k ? ", " : "", stdout), json_number(stdout, v[k]);
-    fputs("]", stdout);
-}
-
-static void json_point(const ExplainedPoint *m) {
-    fputs("{", stdout);
-    list_numbers("x", m->x, m->dim);
-    fputs(", ", stdout);
-    list_numbers("f", m->f, m->channels);
-    fputs(", \"trace\": [", stdout);
-    for (uint32_t i = 0; i < m->ntrace; i++) {
-        printf("%s{\"site\": %d, \"k\": [", i ? ", " : "", m->trace[i].site);
-        for (uint32_t k = 0; k < m->trace[i].loops; k++) printf("%s%d", k ? ", " : "", m->trace[i].k[k]);
-        printf("], \"g\": ");
-        json_number(stdout, m->trace[i].g);
-        if (m->trace[i].is_rounding) printf(", \"n\": "), json_number(stdout, m->trace[i].n);
-        else printf(", \"decision\": %s", m->trace[i].decision ? "true" : "false");
-        fputs("}", stdout);
-    }
-    fputs("], \"crossing\": ", stdout);
-    if (!m->crossing.found) {
-        fputs("null", stdout);
-    } else {
-        fputs("{", stdout);
-        list_numbers("x", m->crossing.x, m->dim);
-        printf(", \"site\": %d, \"axis\": %u, ", m->crossing.site, m->axis);
-        list_numbers("before", m->crossing.f_before, m->channels);
-        fputs(", ", stdout);
-        list_numbers("after", m->crossing.f_after, m->channels);
-        fputs(", ", stdout);
-        list_numbers("normal", m->crossing.dg, m->dim);
-        fputs("}", stdout);
-    }
-    fputs("}\n", stdout);
-}
-
-static void print_point(const ExplainedPoint *m) {
-    printf("f(");
-    for (uint32_t d = 0; d < m->dim; d++) printf("%s%.9g", d ? ", " : "", m->x[d]);
-    printf(") =");
-    for (uint32_t k = 0; k < m->channels; k++) printf(" %.9g", m->f[k]);
-    printf("\ntrace of %u site%s\n", m->ntrace, m->ntrace == 1 ? "" : "s");
-    for (uint32_t i = 0; i < m->ntrace; i++) {
-        printf("  site %d", m->trace[i].site);
-        for (uint32_t k = 0; k < m->trace[i].loops; k++) printf("%s%d", k ? "," : " at ", m->trace[i].k[k]);
-        if (m->trace[i].is_rounding) printf("  v = %.9g  n = %.9g\n", m->trace[i].g, m->trace[i].n);
-        else printf("  g = %.9g  %s\n", m->trace[i].g, m->trace[i].decision ? "true" : "false");
-    }
-    if (m->crossing.found) {
-        printf("nearest crossing along the axes: site %d at (", m->crossing.site);
-        for (uint32_t d = 0; d < m->dim; d++) printf("%s%.9g", d ? ", " : "", m->crossing.x[d]);
-        printf(")\n  f before");
-        for (uint32_t k = 0; k < m->channels; k++) printf(" %.9g", m->crossing.f_before[k]);
-        printf("\n  f after ");
-        for (uint32_t k = 0; k < m->channels; k++) printf(" %.9g", m->crossing.f_after[k]);
-        printf("\n  grad g  ");
-        for (uint32_t d = 0; d < m->dim; d++) printf(" %.9g", m->crossing.dg[d]);
-        putchar('\n');
-    } else {
-        puts("no crossing within an eighth of the domain along the axes");
-    }
-}
-
 static int explain_at(Cli *c, SltProgram *p) {
     double x[3] = {0};
     uint32_t dim = slt_dim(p), n = 0;
@@ -389,10 +324,16 @@ static int explain_at(Cli *c, SltProgram *p) {
     if (n != dim) return cli_usage(c, "--at wants %u number%s for this domain", dim, dim == 1 ? "" : "s");
     ExplainedPoint m;
     SltError err = {0};
-    int status = explain_point(p, x, &m, &err);
+    Fn *traced = NULL;
+    int status = explain_point(p, &traced, x, &m, &err);
     if (status != SLT_OK) return cli_error(status, "the point could not be traced");
-    if (c->json) json_point(&m);
-    else print_point(&m);
+    if (c->json) {
+        explain_json_point(stdout, &m);
+        fputs("\n", stdout);
+    } else {
+        explain_print_point(&m);
+    }
+    explain_free_point(&m);
     return SLT_OK;
 }
 

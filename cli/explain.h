@@ -8,6 +8,7 @@
 #include "cli/cli.h"
 #include "compiler/back/cost.h"
 #include "runtime/mesh/mesh.h"
+#include "runtime/quadrature/cells.h"
 
 typedef struct ExplainedSite {
     const char *kind, *file, *path, *text; /* file NULL: no place; path: functions that the site was inlined through */
@@ -131,7 +132,7 @@ typedef struct TracedSite {
 typedef struct ExplainedPoint {
     double x[3], f[SLT_MAX_CHANNELS];
     uint32_t dim, channels;
-    TracedSite *trace; /* in the order of execution */
+    TracedSite *trace; /* in the order of execution; malloc'd */
     uint32_t ntrace;
     SltCrossing crossing; /* the nearest along the axes, on segments of an eighth of the domain to both sides */
     uint32_t axis;        /* along which the crossing lies */
@@ -149,8 +150,19 @@ void explain_json_meshes(const Explained *m);
 SltStatus explain_cost(SltProgram *p, ExplainedCost *out, SltError *err);
 void explain_print_cost(const ExplainedCost *m);
 void explain_json_cost(const ExplainedCost *m);
-/* explain_cells.c: writes the picture c->cells. */
+/* explain_cells.c: writes the picture c->cells; or draws it as SVG, malloc'd, NULL after an error. */
+typedef struct ExplainedCells {
+    char *svg;
+    size_t size, ncells;
+    CellCounts counts;
+} ExplainedCells;
 SltStatus explain_cells(const Cli *c, SltProgram *p, SltError *err);
-SltStatus explain_point(SltProgram *p, const double x[3], ExplainedPoint *out, SltError *err);
+SltStatus explain_draw_cells(SltProgram *p, ExplainedCells *out, SltError *err);
+/* explain_point.c: inside session_protect. *traced, NULL at first, is made by the first call and serves those that
+ * follow for the same program. out is empty after an error. */
+SltStatus explain_point(SltProgram *p, Fn **traced, const double x[3], ExplainedPoint *out, SltError *err);
+void explain_free_point(ExplainedPoint *m);
+void explain_print_point(const ExplainedPoint *m);
+void explain_json_point(FILE *out, const ExplainedPoint *m); /* an object */
 
 #endif

@@ -183,8 +183,9 @@ static void write_legend(FILE *out, const Drawn *d, const CellCounts *n, const F
     }
 }
 
-static SltStatus write_picture(const char *path, SltProgram *p, const Drawn *d, const CellCounts *counts,
-                               SltError *err) {
+/* The picture as text, malloc'd. */
+static SltStatus draw(SltProgram *p, const Drawn *d, const CellCounts *counts, char **svg, size_t *size,
+                      SltError *err) {
     Text made;
     FILE *out = text_open(&made);
     if (!out) return status_fail(err, SLT_LIMIT, "out of memory");
@@ -200,28 +201,37 @@ static SltStatus write_picture(const char *path, SltProgram *p, const Drawn *d, 
     write_points(out, d, &f, p->prog->dim);
     write_legend(out, d, counts, &f);
     fputs("</svg>\n", out);
-    char *text = text_close(&made);
-    if (status == SLT_OK && !text) status = status_fail(err, SLT_LIMIT, "out of memory");
-    if (status == SLT_OK) status = file_write_atomic(path, text, made.size, err);
-    free(text);
+    *svg = text_close(&made);
+    *size = made.size;
+    if (status == SLT_OK && !*svg) status = status_fail(err, SLT_LIMIT, "out of memory");
+    if (status != SLT_OK) free(*svg), *svg = NULL;
+    return status;
+}
+
+SltStatus explain_draw_cells(SltProgram *p, ExplainedCells *out, SltError *err) {
+    *out = (ExplainedCells){0};
+    if (p->prog->dim > 2) return status_fail(err, SLT_USAGE, "cells are drawn of domains of one and two dimensions");
+    Drawn d = {.channels = p->prog->channels};
+    SltStatus status = cut(p, &d, &out->counts, err);
+    out->ncells = d.ncells;
+    if (status == SLT_OK) status = draw(p, &d, &out->counts, &out->svg, &out->size, err);
+    free(d.cell), free(d.point);
     return status;
 }
 
 SltStatus explain_cells(const Cli *c, SltProgram *p, SltError *err) {
-    if (p->prog->dim > 2) return status_fail(err, SLT_USAGE, "--cells draws domains of one and two dimensions");
-    Drawn d = {.channels = p->prog->channels};
-    CellCounts counts = {0};
-    SltStatus status = cut(p, &d, &counts, err);
-    if (status == SLT_OK) status = write_picture(c->cells, p, &d, &counts, err);
+    ExplainedCells m;
+    SltStatus status = explain_draw_cells(p, &m, err);
+    if (status == SLT_OK) status = file_write_atomic(c->cells, m.svg, m.size, err);
     if (status == SLT_OK && c->json) {
         fputs("{\"outputs\": [", stdout);
         json_text(stdout, c->cells);
         printf("], \"settled\": %.17g, \"curved\": %.17g, \"left\": %.17g, \"cells\": %zu, \"boxes\": %llu}\n",
-               counts.settled, counts.curved, counts.left, d.ncells, (unsigned long long)counts.boxes);
+               m.counts.settled, m.counts.curved, m.counts.left, m.ncells, (unsigned long long)m.counts.boxes);
     } else if (status == SLT_OK)
-        printf("%zu cells: %.4g %% settled, %.4g %% curves, %.4g %% left; %llu boxes, %llu points\n", d.ncells,
-               100 * counts.settled, 100 * counts.curved, 100 * counts.left, (unsigned long long)counts.boxes,
-               (unsigned long long)counts.points);
-    free(d.cell), free(d.point);
+        printf("%zu cells: %.4g %% settled, %.4g %% curves, %.4g %% left; %llu boxes, %llu points\n", m.ncells,
+               100 * m.counts.settled, 100 * m.counts.curved, 100 * m.counts.left, (unsigned long long)m.counts.boxes,
+               (unsigned long long)m.counts.points);
+    free(m.svg);
     return status;
 }

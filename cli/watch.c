@@ -26,6 +26,7 @@ enum { SANDBOX_SECONDS = 60, STACK_BYTES = 256 << 10 };
 static atomic_int interrupted;
 static int cancel_flag; /* which other threads read: cancel() */
 static int wake[2] = {-1, -1};
+static atomic_int also_wakes = -1;
 static struct {
     pthread_mutex_t lock;
     bool committed, keeping, is_fit, notes, timed_out, spent;
@@ -44,7 +45,13 @@ static double cpu_seconds(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-static void cancel(int flag) { __atomic_store_n(&cancel_flag, flag, __ATOMIC_RELAXED); }
+static void cancel(int flag) {
+    int fd = also_wakes;
+    __atomic_store_n(&cancel_flag, flag, __ATOMIC_RELAXED);
+    if (!flag || fd < 0) return;
+    ssize_t ignored = write(fd, "", 1);
+    (void)ignored;
+}
 
 static void on_interrupt(int sig) {
     (void)sig;
@@ -135,7 +142,7 @@ void watch_begin(Cli *c) {
     }
     watched.start = cli_now(), watched.limit = c->max_seconds;
     watched.is_fit = c->verb->bit == FIT;
-    watched.notes = !c->quiet && !c->json && !isatty(2);
+    watched.notes = !c->quiet && !c->json && !isatty(2) && c->verb->bit != VIEW; /* which works when asked */
     watched.next_note = watched.start + NOTE_EVERY;
     c->job.cancel = &cancel_flag;
     for (int late = 0; late < 2; late++) {
@@ -211,6 +218,10 @@ void watch_tell_costs(void) {
     *watched.costs = 0;
     pthread_mutex_unlock(&watched.lock);
 }
+
+void watch_wakes(int fd) { also_wakes = fd; }
+
+bool watch_ended(void) { return __atomic_load_n(&cancel_flag, __ATOMIC_RELAXED) != 0; }
 
 bool cli_interrupted(void) { return interrupted != 0; }
 

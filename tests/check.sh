@@ -15,7 +15,7 @@ cd "$(dirname "$0")/.."
 
 jobs=${JOBS:-$(nproc)}
 quick='^(api|back|base|docs|front|fuzz|golden|image|ir|optimise|pass)\.|^kernels\.witness|^lang\.nasty|^sample\.(coincide|estimate)|^quadrature\.(boxes|cells|images|lists)|^cli\.(shaders\.quadrature|grad\.(bits|explain)|render\.basics)'
-threaded='^(base|api|optimise)\.|^sample\.(coincide|estimate|images)|^quadrature\.(images|quadrature)|^cli\.(grad\.bits|watched)'
+threaded='^(base|api|optimise)\.|^sample\.(coincide|estimate|images)|^quadrature\.(images|quadrature)|^cli\.(grad\.bits|watched)|^view\.viewer'
 
 configure() { # folder, options of cmake
     cmake -S . -B "$1" -G Ninja "${@:2}" >/dev/null

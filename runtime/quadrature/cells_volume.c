@@ -42,10 +42,12 @@ static bool is_finite(const Cells *c, const double *f) {
 }
 
 void cells_emit_spots(Cells *c, uint32_t from, uint32_t to, bool taken) {
-    for (const Spot *s = c->spot + from; s < c->spot + to; s++)
+    for (uint32_t i = from; i < to; i++) { /* there may be none, and no memory for them */
+        const Spot *s = &c->spot[i];
         if (taken && c->sink->value && is_finite(c, s->f))
             c->sink->value(c->sink->user, s->weight, s->f, (CellRule)s->rule);
         else emit_moved(c, s->x, s->weight, s->moved, (CellRule)s->rule);
+    }
 }
 
 void cells_emit_middle(Cells *c, const double lo[3], const double end[3]) {
