@@ -20,7 +20,8 @@ typedef struct GeometryState {
     uint64_t followed_values; /* for tests: numbers that it looked at to follow */
 } GeometryState;
 
-typedef struct DerivedState DerivedState; /* derived.h */
+typedef struct DerivedState DerivedState;       /* derived.h */
+typedef struct GradientKernels GradientKernels; /* turns.c */
 
 /* Kernels that may never be called: those of lines, where cells integrate. Their IR is there, since layouts and
  * geometries follow from it; LLVM compiles them, all together, when one of them is called. */
@@ -69,6 +70,8 @@ struct SltProgram {
     uint32_t nmodules;
     CompiledModule *module_of[K_KINDS];
     LateKernels late;
+    GradientKernels *turns; /* kernels of derivatives for other wrt; NULL until there are any */
+    uint64_t turn;
     uint8_t compiled_few[K_KINDS], compiled_level[K_KINDS]; /* of BackOptions; 0 where it is plain */
     SltKernel **cull_kernels;                               /* by [Cull] loop */
     uint32_t nlists;                                        /* loops with lists, [Cull] loops first */
@@ -128,6 +131,11 @@ void api_late_free(SltProgram *p);
 void api_check_cull(SltProgram *p);
 void api_forget_gradients(SltProgram *p); /* frees the kernels that depend on p->wrt */
 void api_free_kernels(SltProgram *p);
+
+/* ---- turns.c: p->wrt becomes wrt[nfloats], and the kernels that depend on it follow. */
+void api_differentiate(SltProgram *p, const uint8_t *wrt);
+void api_turns_forget(SltProgram *p); /* kernels are freed */
+void api_turns_free(SltProgram *p);
 
 /* ---- call.c. A public function that reads or writes what changes claims the program first: api_claim is false where
  * another call has it; api_enter also fails where the program did not compile, with a text. api_release follows what

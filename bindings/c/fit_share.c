@@ -32,8 +32,7 @@ SltStatus fit_share_begin(Share *s, const SltProgram *mine, SltProgram *other, S
         memcpy(wrt + to->fbase, mine->wrt + from->fbase, to->fcount);
     }
     api_derived_mark(other, wrt);
-    if (memcmp(wrt, other->wrt, b->nfloats) != 0) api_forget_gradients(other);
-    memcpy(other->wrt, wrt, b->nfloats);
+    api_differentiate(other, wrt);
     free(wrt);
     return SLT_OK;
 }

@@ -403,6 +403,7 @@ void api_forget_gradients(SltProgram *p) {
 
 void api_free_kernels(SltProgram *p) {
     api_late_free(p);
+    api_turns_forget(p);
     for (uint32_t m = 0; m < p->nmodules; m++) back_free(p->modules[m]);
     p->nmodules = 0;
     memset(p->fn, 0, sizeof p->fn);

@@ -327,6 +327,7 @@ SltStatus api_compile_resized(const SltProgram *p, const char *lengths, SltProgr
 void slt_program_free(SltProgram *p) {
     if (!p || atomic_load(&p->fitted) || !api_claim(p)) return;
     api_free_kernels(p);
+    api_turns_free(p);
     api_derived_free(p);
     api_geometries_free(p);
     free(p->floats);

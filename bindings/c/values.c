@@ -186,8 +186,7 @@ SltStatus api_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError 
         program_mark(&q, mask);
     }
     api_derived_mark(p, mask);
-    if (memcmp(mask, p->wrt, p->prog->nfloats) != 0) api_forget_gradients(p);
-    memcpy(p->wrt, mask, p->prog->nfloats);
+    api_differentiate(p, mask);
     free(mask);
     return SLT_OK;
 }

@@ -76,8 +76,9 @@ typedef struct SltFitIteration {
     const uint32_t *index;               /* [count]: where each lies in slt_floats, ascending */
     const double *parameters, *gradient; /* [count] */
     double loss;                         /* of this evaluation */
-    double best;                         /* the least loss so far, this one included; infinite while all were NaN */
-    const float *image;                  /* of the first view; NULL with minimize */
+    double best;        /* the least loss so far, this one included, or where losses are noisy the last of those that
+                           noise does not tell from it; infinite while all were NaN */
+    const float *image; /* of the first view; NULL with minimize */
 } SltFitIteration;
 typedef bool SltFitIterated(void *user, const SltFitIteration *at); /* true: stop here */
 

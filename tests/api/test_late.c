@@ -1,4 +1,5 @@
-/* Kernels that are compiled when first called: those of lines, where cells integrate. */
+/* Kernels that are compiled when first called, those of lines, where cells integrate; and kernels of derivatives that
+ * are kept. */
 #include "bindings/c/api.h"
 #include "tests/api/program.h"
 
@@ -81,8 +82,47 @@ static void forgotten_and_asked_for(void **state) {
     slt_program_free(p), slt_program_free(fresh);
 }
 
+/* Turns between a few things that are differentiated compile nothing again, and give what a fresh program gives. */
+static void turns(void **state) {
+    (void)state;
+    SltError err;
+    static const char source[] = "param float r = 0.5;\nparam float2 c = float2(0.1, 0.0);\nparam float a = 0.5;\n"
+                                 "[Domain(-1.0, 1.0)] shader float main(float2 x) {\n"
+                                 "    float f = 0.25 * a;\n"
+                                 "    [Disc] if (length(x - c) < r) f = a * a;\n"
+                                 "    return f;\n"
+                                 "}\n";
+    static const char *const names[6][1] = {{"r"}, {"c"}, {"a"}, {"c.x"}, {"c.y"}, {"r"}};
+    SltJob job = SLT_JOB_INIT;
+    float adjoint[16 * 16];
+    double before[6][4], now[4];
+    for (int i = 0; i < 256; i++) adjoint[i] = 1 + (float)(i % 7);
+    job.size[0] = job.size[1] = 16, job.estimator = SLT_EST_LATTICE, job.threads = 1;
+    SltProgram *p = compile(source);
+    for (uint32_t few = 2; few <= 6; few += 2) { /* two, four, and more than are kept */
+        uint32_t modules = 0;
+        for (uint32_t round = 0; round < 3; round++)
+            for (uint32_t i = 0; i < few; i++) {
+                SltProgram *fresh = few == 2 || round ? NULL : compile(source);
+                assert_ok(slt_wrt(p, names[i], 1, &err));
+                assert_ok(slt_grad_adjoint(p, &job, adjoint, now, NULL, NULL, &err));
+                if (!round) memcpy(before[i], now, sizeof now);
+                assert_memory_equal(now, before[i], sizeof now);
+                if (fresh) {
+                    assert_ok(slt_wrt(fresh, names[i], 1, &err));
+                    assert_ok(slt_grad_adjoint(fresh, &job, adjoint, before[i], NULL, NULL, &err));
+                    assert_memory_equal(now, before[i], sizeof now);
+                }
+                slt_program_free(fresh);
+                if (round == 1 && !i) modules = p->nmodules;
+                if (round && few <= 4) assert_int_equal(p->nmodules, modules);
+            }
+    }
+    slt_program_free(p);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(wait_until_called), cmocka_unit_test(made_in_an_estimate),
-                                       cmocka_unit_test(forgotten_and_asked_for)};
+                                       cmocka_unit_test(forgotten_and_asked_for), cmocka_unit_test(turns)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -354,8 +354,9 @@ class Program:
     @property
     def wrt(self) -> tuple[str, ...] | None:
         """Which parameters or components are differentiated, ``["discs[*].centre", "ink"]``; None: all that can be.
-        What is left out costs nothing. Where calls that differ in it take turns (`jvp` is of what its direction names),
-        derivatives are compiled at each turn and memory is kept until the program goes: take a program for each."""
+        What is left out costs nothing. Calls that differ in it may take turns (`jvp` is of what its direction names): what
+        was compiled for the last five is kept. With more, derivatives are compiled at each turn, and memory is kept until
+        the program goes."""
         return self._wrt
 
     @wrt.setter
