@@ -12,7 +12,7 @@ import numpy as np
 from ._errors import UsageError
 
 COLOURS = ("#3465a4", "#cc0000", "#4e9a06", "#c17d11", "#75507b", "#555753")
-LEFT, TOP, BELOW, WIDTH, HEIGHT = 58, 10, 22, 480, 200  # the frame, and room for ticks around it; pixels
+LEFT, RIGHT, TOP, BELOW, WIDTH, HEIGHT = 58, 20, 10, 22, 480, 200  # the frame, and room for ticks around it; pixels
 
 
 class Plot:
@@ -73,7 +73,7 @@ def plot(curves: Mapping[str, Any], *, log: bool = False, title: str = "") -> Pl
     y0, y1 = y0 - pad, y1 + pad
 
     def at(x, y):
-        return LEFT + (WIDTH - LEFT - 10) * (x - x0) / (x1 - x0), TOP + (HEIGHT - TOP - BELOW) * (y1 - y) / (y1 - y0)
+        return LEFT + (WIDTH - LEFT - RIGHT) * (x - x0) / (x1 - x0), TOP + (HEIGHT - TOP - BELOW) * (y1 - y) / (y1 - y0)
     (left, bottom), (right, top) = at(x0, y0), at(x1, y1)
     below = 16 * len(lines) if len(lines) > 1 or title or "" not in curves else 0
     out = [f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{HEIGHT + below}" font-family="sans-serif" '
