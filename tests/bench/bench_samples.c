@@ -28,7 +28,7 @@ typedef struct Row {
 } Row;
 
 static SltScene scene_of(const Row *r) {
-    SltScene s = {.dim = 2, .channels = 1, .width = 32, .uses_rand = r->rand, .f64 = r->f64};
+    SltScene s = {.dim = 2, .channels = 1, .adj_lanes = 32, .uses_rand = r->rand, .f64 = r->f64};
     for (int d = 0; d < 2; d++) s.lo[d] = -1, s.hi[d] = 1;
     scene_add_output(&s, SLT_K_VALUE, SLT_OUT_F, 1);
     s.layout[SLT_K_VALUE].reads = 3u << SLT_IN_X0 | (r->rand ? 1u << SLT_IN_STREAM | 1u << SLT_IN_RAND0 : 0);

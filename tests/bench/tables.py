@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """All tables of speed in one run, one thread, as text, JSON and SVG.
 
-    SALTUS_BENCH=... tests/bench/tables.py BUILD_DIR [-o FOLDER] [--only forward,reverse,images] [--rounds N] [--against SALTUS]
+    SALTUS_BENCH=... tests/bench/tables.py BUILD_DIR [-o FOLDER] [--only forward,reverse,images,...] [--rounds N] [--against SALTUS]
 
 forward   shade_*.salt at 1024 x 1024 as 8-bit pixels, beside scalar C of $SALTUS_BENCH/shade/kernels.c: every instruction
           set and width that this machine has, interleaved (bench-shade). Mpixel/s and times scalar C.
@@ -10,6 +10,11 @@ reverse   ad_k*.salt, kernels alone: nanoseconds a sample of f, and of f with al
           many times the primal as stated there (ENZYME below): `gain` is that over ours.
 samples   what makes a sample (bench-samples).
 images    512 x 512, 16 samples a pixel, lattice: processor time of a render, and of a loss with its gradient.
+fits      an iteration of the fit of 200 to 20 000 discs (many_discs.py).
+starts    whole processes, cold and from the cache (start.py).
+fields    heightfields, and
+rays      rays against meshes, beside Embree where it is installed (bench-field, bench-mesh); $SALTUS_DATA has the shapes.
+pieces    visible pieces of $SALTUS_DATA's spot.obj and their gradient (bench-pieces).
 
 With --against, another saltus runs in turn with ours in `reverse` and `images`, and the last column is its time over
 ours: medians over rounds of the ratio within a round. What needs SALTUS_BENCH says so and is left out without it.
@@ -103,9 +108,25 @@ def reverse(args, folder):
     return {"unit": "ns a sample", "rows": rows}
 
 
-def samples(args, folder):
-    exe = args.build / "tests/bench-samples"
-    return {"unit": "ns a sample", "text": run(exe)} if exe.exists() else {"left out": "bench-samples is not built"}
+def told(unit, command, *needs):
+    """A table that is another program's, as it prints it. `command` is made of args."""
+    def table(args, folder):
+        missing = [n for n in needs if n not in os.environ]
+        return {"left out": f"{missing[0]} is not set"} if missing else {"unit": unit, "text": run(*command(args))}
+    return table
+
+
+def script(name, *more):
+    """One of this folder, of our saltus."""
+    return lambda args: (sys.executable, HERE / name, args.build / "bin/saltus", *more)
+
+
+def bench(name, *more):
+    return lambda args: (args.build / "tests" / name, *more)
+
+
+def spot():
+    return pathlib.Path(os.environ.get("SALTUS_DATA", "")) / "spot.obj"
 
 
 def images(args, folder):
@@ -126,7 +147,13 @@ def images(args, folder):
 
 
 TABLES = {"forward": (forward, True, ["bench-shade"]), "reverse": (reverse, False, []),
-          "samples": (samples, False, ["bench-samples"]), "images": (images, False, [])}
+          "samples": (told("ns a sample", bench("bench-samples")), False, ["bench-samples"]), "images": (images, False, []),
+          "fits": (told("an iteration", script("many_discs.py", "200", "2000", "20000", "--threads", "1")), False, []),
+          "starts": (told("ms a process", script("start.py", "--rounds", "5")), False, []),
+          "fields": (told("beside Embree", bench("bench-field"), "SALTUS_DATA"), False, ["bench-field"]),
+          "rays": (told("beside Embree", bench("bench-mesh"), "SALTUS_DATA"), False, ["bench-mesh"]),
+          "pieces": (told("ns a pixel", lambda args: (args.build / "tests/bench-pieces", spot()), "SALTUS_DATA"), False,
+                     ["bench-pieces"])}
 
 
 def print_table(name, t):
