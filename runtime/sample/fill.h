@@ -17,8 +17,10 @@ enum { FILL_OVER = 16 };
 typedef struct FillAxis {
     double lo, side; /* of the axis */
     uint64_t step;   /* what the recurrence adds from one sample of a run to the next, in 2^-64 */
-    bool f64, tent;  /* doubles are written; the filter is a tent, else a box */
-    /* of a tent: pixels along the axis, and Grid.before and Grid.mass of it */
+    bool f64;        /* doubles are written */
+    SltFilter filter;
+    /* not of a box: Grid.radius, pixels along the axis, and Grid.before and Grid.mass of it */
+    double radius;
     uint32_t n;
     const double *before, *mass;
 } FillAxis;

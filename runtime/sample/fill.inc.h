@@ -87,12 +87,21 @@ INLINE D root(D x) {
     return r;
 }
 
-/* grid_place_filtered of a tent, in pixels from the middle of the pixel. */
-INLINE D in_tent(const FillAxis *t, D u, D p, D before, D mass) {
-    const D middle = p + 0.5, from = either(-middle > -1.0, -middle, all(-1)),
-            to = either((double)t->n - middle < 1.0, (double)t->n - middle, all(1)), q = before + u * mass;
+INLINE U bits_of(D x) { return (U)x; }
+INLINE D with_bits(U bits) { return (D)bits; }
+#include "runtime/sample/quantile.inc.h"
+
+INLINE D tent_quantile(D q) {
     const L left = q < 0.5;
-    const D r = root(either(left, 2 * q, 2 * (1 - q))), v = either(left, r - 1, 1 - r);
+    const D r = root(either(left, 2 * q, 2 * (1 - q)));
+    return either(left, r - 1, 1 - r);
+}
+
+/* grid_place_filtered, in pixels from the middle of the pixel. */
+INLINE D in_filter(SltFilter filter, double radius, double n, D u, D p, D before, D mass) {
+    const D middle = p + 0.5, from = either(-middle > -radius, -middle, all(-radius)),
+            to = either(n - middle < radius, n - middle, all(radius)), q = before + u * mass,
+            v = filter == SLT_FILTER_TENT ? tent_quantile(q) : gaussian_quantile(q);
     return either(v < from, from, either(v > to, to, v));
 }
 
@@ -105,18 +114,19 @@ INLINE void put(bool f64, D x, void *to, uint32_t at) {
     }
 }
 
-INLINE void place_as(const FillAxis *given, bool tent, bool f64, uint32_t runs, const uint32_t *count,
+INLINE void place_as(const FillAxis *given, SltFilter filter, bool f64, uint32_t runs, const uint32_t *count,
                      const uint64_t *start, const int32_t *cell, void *x) {
     const FillAxis a = *given;
+    const bool box = filter == SLT_FILTER_BOX;
     if (!count) {
         for (uint32_t r = 0; r < runs; r += LANES) {
             const D u = unit(LOAD(U, start + r)), p = __builtin_convertvector(LOAD(I, cell + r), D);
             D before = {0}, mass = {0};
-            for (int i = 0; tent && i < LANES; i++) {
+            for (int i = 0; !box && i < LANES; i++) {
                 const uint32_t at = r + (uint32_t)i < runs ? (uint32_t)cell[r + (uint32_t)i] : 0;
                 before[i] = a.before[at], mass[i] = a.mass[at];
             }
-            const D v = tent ? p + 0.5 + in_tent(&a, u, p, before, mass) : p + u;
+            const D v = box ? p + u : p + 0.5 + in_filter(filter, a.radius, a.n, u, p, before, mass);
             put(f64, a.lo + v * a.side, x, r);
         }
         return;
@@ -124,11 +134,11 @@ INLINE void place_as(const FillAxis *given, bool tent, bool f64, uint32_t runs, 
     const U first = ramp(a.step);
     const uint64_t step = LANES * a.step;
     for (uint32_t r = 0, at = 0; r < runs; at += count[r++]) {
-        const D p = all((double)cell[r]), before = all(tent ? a.before[cell[r]] : 0),
-                mass = all(tent ? a.mass[cell[r]] : 0);
+        const D p = all((double)cell[r]), before = all(box ? 0 : a.before[cell[r]]),
+                mass = all(box ? 0 : a.mass[cell[r]]);
         U s = start[r] + first;
         for (uint32_t i = 0; i < count[r]; i += LANES, s += step) {
-            const D v = tent ? p + 0.5 + in_tent(&a, unit(s), p, before, mass) : p + unit(s);
+            const D v = box ? p + unit(s) : p + 0.5 + in_filter(filter, a.radius, a.n, unit(s), p, before, mass);
             put(f64, a.lo + v * a.side, x, at + i);
         }
     }
@@ -136,10 +146,16 @@ INLINE void place_as(const FillAxis *given, bool tent, bool f64, uint32_t runs, 
 
 static void place(const FillAxis *a, uint32_t runs, const uint32_t *count, const uint64_t *start, const int32_t *cell,
                   void *x) {
-    if (a->tent && a->f64) place_as(a, true, true, runs, count, start, cell, x);
-    else if (a->tent) place_as(a, true, false, runs, count, start, cell, x);
-    else if (a->f64) place_as(a, false, true, runs, count, start, cell, x);
-    else place_as(a, false, false, runs, count, start, cell, x);
+#define AS(filter)                                                                                                     \
+    case filter:                                                                                                       \
+        if (a->f64) place_as(a, filter, true, runs, count, start, cell, x);                                            \
+        else place_as(a, filter, false, runs, count, start, cell, x);                                                  \
+        break
+    switch (a->filter) {
+        AS(SLT_FILTER_BOX);
+        AS(SLT_FILTER_TENT);
+        AS(SLT_FILTER_GAUSSIAN);
+    }
 }
 
 static void spread(uint32_t runs, const uint32_t *count, const void *values, uint32_t step, void *words) {

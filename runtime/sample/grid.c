@@ -10,6 +10,25 @@
 
 #include "runtime/sample/grid.h"
 
+#define INLINE static inline
+typedef double D;
+typedef uint64_t U;
+typedef int64_t L;
+INLINE D all(double x) { return x; }
+INLINE D root(D x) { return sqrt(x); }
+INLINE D either(L where, D a, D b) { return where ? a : b; }
+INLINE U bits_of(D x) {
+    U bits;
+    memcpy(&bits, &x, sizeof bits);
+    return bits;
+}
+INLINE D with_bits(U bits) {
+    D x;
+    memcpy(&x, &bits, sizeof x);
+    return x;
+}
+#include "runtime/sample/quantile.inc.h"
+
 /* Gaussian: sigma half a pixel, cut at 2 pixels = 4 sigma. */
 #define GAUSS_RADIUS 2.0
 #define SQRT2 1.4142135623730951
@@ -37,26 +56,13 @@ static double cumulative(SltFilter f, double u, double radius) {
     return 0;
 }
 
-static double inverse(SltFilter f, double p, double radius) {
-    double lo = -radius, hi = radius, u;
+static double inverse(SltFilter f, double p) {
     switch (f) {
     case SLT_FILTER_BOX: return p - 0.5;
     case SLT_FILTER_TENT: return p < 0.5 ? sqrt(2 * p) - 1 : 1 - sqrt(2 * (1 - p));
-    case SLT_FILTER_GAUSSIAN: break;
+    case SLT_FILTER_GAUSSIAN: return gaussian_quantile(p);
     }
-    /* Newton from the logistic approximation, kept in its bracket. */
-    u = 0.5 * log(p / (1 - p)) / 1.702;
-    if (!(u > lo && u < hi)) u = 0;
-    for (int i = 0; i < 6; i++) {
-        double e = cumulative(f, u, radius) - p;
-        if (e > 0) hi = u;
-        else lo = u;
-        double d = kernel(f, u), next = d > 0 ? u - e / d : lo;
-        if (fabs(next - u) < 1e-9) return u;
-        if (!(next > lo && next < hi)) next = 0.5 * (lo + hi);
-        u = next;
-    }
-    return u;
+    return 0;
 }
 
 /* The part [from, to] of pixel p's filter that lies in the domain, in pixels from the middle of p. */
@@ -148,7 +154,7 @@ double grid_place_filtered(const Grid *g, uint32_t axis, uint32_t p, double u) {
     double from, to;
     covered(g, p, axis, &from, &to);
     double q = g->before[axis][p] + u * g->mass[axis][p];
-    double v = inverse(g->filter, q, g->radius);
+    double v = inverse(g->filter, q);
     v = v < from ? from : v > to ? to : v;
     return g->lo[axis] + (p + 0.5 + v) * g->side[axis];
 }

@@ -116,26 +116,15 @@ typedef struct Place {
     bool single; /* every run is one sample */
 } Place;
 
-/* Coordinate d of the pattern, as positions, as double u in [0, 1) of a filter that has no vectors, or number 0. */
+/* Coordinate d of the pattern, as positions. */
 static void place_axis(const Place *at, uint32_t d, const uint64_t *start, uint64_t step, const int32_t *cell) {
     Batch *b = at->b;
     const Grid *g = b->grid;
     const uint32_t *count = at->single ? NULL : at->count;
     FillAxis a = {.lo = g->lo[d], .side = g->side[d], .step = step, .f64 = b->f64};
     void *x = batch_row(b, SLT_IN_X0 + d, at->lane);
-    if (g->mass[d] && step) {
-        if (g->filter != SLT_FILTER_TENT) {
-            double u[BATCH + FILL_OVER];
-            a.lo = 0, a.side = 1, a.f64 = true;
-            static const int32_t first[BATCH + FILL_OVER];
-            b->fill->place(&a, at->runs, count, start, first, u);
-            for (uint32_t r = 0, i = 0; r < at->runs; r++)
-                for (uint32_t k = 0; k < at->count[r]; k++, i++)
-                    batch_set(b, SLT_IN_X0 + d, at->lane + i, grid_place_filtered(g, d, (uint32_t)cell[r], u[i]));
-            return;
-        }
-        a.tent = true, a.n = g->n[d], a.before = g->before[d], a.mass = g->mass[d];
-    }
+    if (g->mass[d] && step)
+        a.filter = g->filter, a.radius = g->radius, a.n = g->n[d], a.before = g->before[d], a.mass = g->mass[d];
     b->fill->place(&a, at->runs, count, start, cell, x);
 }
 

@@ -226,9 +226,32 @@ static void check_integrals(const Fill *f) {
 }
 static void test_integrals(void **unused) { (void)unused, for_all(check_integrals); }
 
+/* ---- the Gaussian filter */
+/* The part of the filter up to where a sample lies is what it was drawn by, to the last places of what erf gives. */
+static void test_gaussian(void **unused) {
+    (void)unused;
+    enum { MIDDLE = 8, PLACES = 100000 };
+    SltScene s = {.dim = 1, .channels = 1, .hi = {1, 1, 1}};
+    SltJob j = SLT_JOB_INIT;
+    SltError err;
+    Grid g;
+    j.size[0] = 2 * MIDDLE + 1, s.hi[0] = 2 * MIDDLE + 1, j.filter = SLT_FILTER_GAUSSIAN;
+    assert_int_equal(grid_init(&g, &s, &j, &err), SLT_OK);
+    double worst = 0, last = -3;
+    for (int i = 0; i <= PLACES; i++) {
+        const double q = (double)i / PLACES, u = grid_place_filtered(&g, 0, MIDDLE, q) - (MIDDLE + 0.5),
+                     part = 0.5 * (1 + erf(u * sqrt(2)) / erf(4 / sqrt(2)));
+        assert_true(u >= last);
+        worst = fmax(worst, fabs(part - q)), last = u;
+    }
+    assert_true(worst < 1e-15);
+    grid_free(&g);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_blocks), cmocka_unit_test(test_streams),
-                                       cmocka_unit_test(test_spread), cmocka_unit_test(test_sums),
-                                       cmocka_unit_test(test_walks),  cmocka_unit_test(test_integrals)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_blocks),  cmocka_unit_test(test_streams),
+                                       cmocka_unit_test(test_spread),  cmocka_unit_test(test_sums),
+                                       cmocka_unit_test(test_walks),   cmocka_unit_test(test_integrals),
+                                       cmocka_unit_test(test_gaussian)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
