@@ -71,6 +71,7 @@ typedef struct Rays {
     float near[3][RAYS], far[3][RAYS], inverse[3][RAYS]; /* a box is entered at (its nearer side - near) * inverse */
     float begin[RAYS], end[RAYS];                        /* t0 and t there, outwards */
     int32_t way[RAYS];                                   /* the longest axis of d, 4 << a where axis a is gone down */
+    uint32_t down[3][RAYS];                              /* from a node's lower sides to its nearer ones, in bytes */
     int32_t triangle[RAYS];
 } __attribute__((aligned(64))) Rays;
 
@@ -108,6 +109,7 @@ INLINE uint32_t set_group(Rays *r, const BvhScene *s, uint32_t k) {
     const Group scale = (Group){0} + 1, against = scale;
 #endif
     *(Group *)(r->scale + k) = scale;
+    typedef int32_t Ways __attribute__((vector_size(4 * GROUP)));
     Whole way = (middle & 1) | (last & 2);
     for (int a = 0; a < 3; a++) {
         const Group o = *(const Group *)(r->o[a] + k), inverse = 1 / (d[a] * against);
@@ -117,8 +119,8 @@ INLINE uint32_t set_group(Rays *r, const BvhScene *s, uint32_t k) {
         *(Narrow *)(r->far[a] + k) = __builtin_convertvector(o - outwards, Narrow);
         *(Narrow *)(r->inverse[a] + k) = __builtin_convertvector(inverse, Narrow);
         way |= down & (4 << a);
+        *(Ways *)(r->down[a] + k) = __builtin_convertvector(down & (int)BVH_UPPER, Ways);
     }
-    typedef int32_t Ways __attribute__((vector_size(4 * GROUP)));
     *(Ways *)(r->way + k) = __builtin_convertvector(way, Ways);
     *(Ways *)(r->triangle + k) = (Ways){0} + SLT_WITNESS_NONE;
     const Narrow begin = __builtin_convertvector(t0 * scale, Narrow), end = __builtin_convertvector(t1 * scale, Narrow);
@@ -245,11 +247,12 @@ INLINE void meet_each(const BvhScene *s, Rays *r, uint64_t who, int32_t leaf) {
 INLINE uint32_t pass_boxes(const BvhNode *n, const Rays *r, uint32_t k, F8 *enter) {
     F8 in = all_F8(r->begin[k]), out = all_F8(r->end[k]);
     for (int a = 0; a < 3; a++) {
-        const float *box = n->lo[a];
-        const size_t far = r->way[k] & 4 << a ? 0 : 24;
+        /* Added, not chosen: of rays that go apart nobody guesses which way the next one goes. */
+        const char *lo = (const char *)n->lo[a], *hi = (const char *)n->hi[a];
+        const size_t down = r->down[a][k];
         const F8 inverse = all_F8(r->inverse[a][k]);
-        in = higher((*(const F8 *)(box + 24 - far) - all_F8(r->near[a][k])) * inverse, in);
-        out = lower((*(const F8 *)(box + far) - all_F8(r->far[a][k])) * inverse, out);
+        in = higher((*(const F8 *)(lo + down) - all_F8(r->near[a][k])) * inverse, in);
+        out = lower((*(const F8 *)(hi - down) - all_F8(r->far[a][k])) * inverse, out);
     }
     *enter = in;
     return upto(in, out);
