@@ -256,12 +256,10 @@ INLINE float outwards_of(double v) {
 #define LOW_BITS(n) (~(uint64_t)0 >> (64 - (n)))
 /* What rays go by (rays.inc.h); measured, they change no answer. */
 enum {
-    PACKET = 8,      /* rays that go together, at least */
-    TRIES = 4,       /* to find such */
-    FEW = 4,         /* rays that leave a packet at a node */
-    FEW_IN_LEAF = 6, /* rays of a packet that meet a leaf one by one */
-    LARGE = 4096,    /* leaves, from where on a tree is slow to reach */
-    TURNS = 4        /* rays that go through a large tree in turns, at least */
+    PACKET = 8,     /* rays that go together, at least */
+    TRIES = 4,      /* to find such */
+    FEW = 4,        /* rays that leave a packet at a node */
+    FEW_IN_LEAF = 6 /* rays of a packet that meet a leaf one by one */
 };
 #define SPREAD 0.25f /* of the slopes of a packet's rays */
 #define NEAR 0.25    /* of the mesh's largest coordinate: how far apart rays begin that share nodes */

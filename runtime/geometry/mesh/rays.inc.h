@@ -37,11 +37,6 @@
 #define moved_leaf FN(moved_leaf)
 #define take FN(take)
 #define pass_boxes FN(pass_boxes)
-#define Waiting FN(BvhWaiting)
-#define go_down FN(go_down)
-#define trace_below FN(trace_below)
-#define block_below FN(block_below)
-#define descend_each FN(descend_each)
 #define meet_each FN(meet_each)
 #define fetch FN(fetch)
 #define all FN(all)
@@ -258,101 +253,7 @@ INLINE uint32_t pass_boxes(const BvhNode *n, const Rays *r, uint32_t k, F8 *ente
     return upto(in, out);
 }
 
-typedef struct Waiting {
-    float enter;
-    int32_t child;
-} Waiting;
-
-/* Ray k from a node on, of which it has met the boxes `hit`. */
-INLINE void go_down(const BvhScene *s, Rays *r, uint32_t k, const BvhNode *n, uint32_t hit, F8 in, bool any) {
-    Waiting stack[BVH_STACK], *top = stack;
-    size_t close[3];
-    F8 near[3], far[3], inverse[3], end = all_F8(r->end[k]);
-    const F8 begin = all_F8(r->begin[k]);
-    for (int a = 0; a < 3; a++) {
-        close[a] = (size_t)(r->way[k] & 4 << a ? 24 : 0) + 8 * (size_t)a;
-        near[a] = all_F8(r->near[a][k]), far[a] = all_F8(r->far[a][k]), inverse[a] = all_F8(r->inverse[a][k]);
-    }
-    for (;;) {
-        int32_t at = -1;
-        if (hit) {
-            float enter[8] __attribute__((aligned(32)));
-            *(F8 *)enter = in;
-            uint32_t i = (uint32_t)__builtin_ctz(hit);
-            float nearest = enter[i];
-            at = n->child[i];
-            /* The nearest next; the others wait, the nearest of them on top. */
-            Waiting *const bottom = top;
-            while (hit &= hit - 1) {
-                i = (uint32_t)__builtin_ctz(hit);
-                Waiting other = {enter[i], n->child[i]};
-                if (s->bvh->nleaves > LARGE) fetch(s, other.child);
-                if (other.enter < nearest) {
-                    const Waiting first = {nearest, at};
-                    nearest = other.enter, at = other.child, other = first;
-                }
-                Waiting *place = top++;
-                for (; !any && place > bottom && place[-1].enter < other.enter; place--) *place = place[-1];
-                *place = other;
-            }
-            if (at < 0) {
-                meet_each(s, r, (uint64_t)1 << k, ~at);
-                if (any && r->triangle[k] >= 0) return;
-                end = all_F8(r->end[k]);
-            }
-        }
-        while (at < 0) {
-            do {
-                if (top == stack) return;
-                top--;
-            } while (!any && top->enter > end[0]);
-            at = top->child;
-            if (at >= 0) break;
-            meet_each(s, r, (uint64_t)1 << k, ~at);
-            if (any && r->triangle[k] >= 0) return;
-            end = all_F8(r->end[k]);
-        }
-        n = &s->bvh->node[at];
-        const float *box = n->lo[0];
-        F8 out = end;
-        in = begin;
-        for (int a = 0; a < 3; a++) {
-            in = higher((*(const F8 *)(box + close[a]) - near[a]) * inverse[a], in);
-            out = lower((*(const F8 *)((box - close[a]) + 24 + 16 * a) - far[a]) * inverse[a], out);
-        }
-        hit = upto(in, out);
-    }
-}
-
-static void trace_below(const BvhScene *s, Rays *r, uint32_t k, const BvhNode *n, uint32_t hit, const F8 *in) {
-    go_down(s, r, k, n, hit, *in, false);
-}
-
-static void block_below(const BvhScene *s, Rays *r, uint32_t k, const BvhNode *n, uint32_t hit, const F8 *in) {
-    go_down(s, r, k, n, hit, *in, true);
-}
-
 #include "turns.inc.h"
-
-/* Rays from a node on, each for itself. */
-INLINE void descend_each(const BvhScene *s, Rays *r, uint64_t who, uint32_t node, bool any) {
-    if (s->bvh->nleaves > LARGE && __builtin_popcountll(who) >= TURNS) {
-        if (any) turns_any(s, r, who, node);
-        else turns_first(s, r, who, node);
-        return;
-    }
-    const BvhNode *n = &s->bvh->node[node];
-    F8 enter[RAYS];
-    uint8_t pass[RAYS];
-    for (uint64_t left = who; left; left &= left - 1) {
-        const uint32_t k = (uint32_t)__builtin_ctzll(left);
-        pass[k] = (uint8_t)pass_boxes(n, r, k, &enter[k]);
-    }
-    for (; who; who &= who - 1) {
-        const uint32_t k = (uint32_t)__builtin_ctzll(who);
-        if (pass[k]) (any ? block_below : trace_below)(s, r, k, n, pass[k], &enter[k]);
-    }
-}
 
 #include "mixed.inc.h"
 #include "packet.inc.h"
