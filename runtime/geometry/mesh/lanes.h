@@ -115,18 +115,55 @@ INLINE uint32_t upto_D8(D8 a, D8 b) {
     return (uint32_t)_mm256_movemask_pd(_mm256_cmp_pd(x.half[0], y.half[0], _CMP_LE_OQ)) |
            (uint32_t)_mm256_movemask_pd(_mm256_cmp_pd(x.half[1], y.half[1], _CMP_LE_OQ)) << 4;
 }
+#elif defined(__SSE2__)
+/* By name: of comparisons of vectors wider than its registers GCC makes one for each number. */
+#define LANES_OF_PARTS(T, R, n, suffix)                                                                                \
+    typedef union T##Parts {                                                                                           \
+        T all;                                                                                                         \
+        R part[8 / n];                                                                                                 \
+    } T##Parts;                                                                                                        \
+    INLINE T lower_##T(T a, T b) {                                                                                     \
+        T##Parts x = {.all = a}, y = {.all = b};                                                                       \
+        for (int k = 0; k < 8 / n; k++) x.part[k] = _mm_min_##suffix(x.part[k], y.part[k]);                            \
+        return x.all;                                                                                                  \
+    }                                                                                                                  \
+    INLINE T higher_##T(T a, T b) {                                                                                    \
+        T##Parts x = {.all = a}, y = {.all = b};                                                                       \
+        for (int k = 0; k < 8 / n; k++) x.part[k] = _mm_max_##suffix(x.part[k], y.part[k]);                            \
+        return x.all;                                                                                                  \
+    }                                                                                                                  \
+    INLINE uint32_t less_##T(T a, T b) {                                                                               \
+        const T##Parts x = {.all = a}, y = {.all = b};                                                                 \
+        uint32_t all = 0;                                                                                              \
+        for (int k = 0; k < 8 / n; k++)                                                                                \
+            all |= (uint32_t)_mm_movemask_##suffix(_mm_cmplt_##suffix(x.part[k], y.part[k])) << n * k;                 \
+        return all;                                                                                                    \
+    }                                                                                                                  \
+    INLINE uint32_t upto_##T(T a, T b) {                                                                               \
+        const T##Parts x = {.all = a}, y = {.all = b};                                                                 \
+        uint32_t all = 0;                                                                                              \
+        for (int k = 0; k < 8 / n; k++)                                                                                \
+            all |= (uint32_t)_mm_movemask_##suffix(_mm_cmple_##suffix(x.part[k], y.part[k])) << n * k;                 \
+        return all;                                                                                                    \
+    }
+LANES_OF_PARTS(F8, __m128, 4, ps)
+LANES_OF_PARTS(D8, __m128d, 2, pd)
+INLINE uint32_t equal(I8 a, int32_t b) {
+    const union {
+        I8 all;
+        __m128i part[2];
+    } x = {.all = a};
+    const __m128i to = _mm_set1_epi32(b);
+    return (uint32_t)_mm_movemask_ps((__m128)_mm_cmpeq_epi32(x.part[0], to)) |
+           (uint32_t)_mm_movemask_ps((__m128)_mm_cmpeq_epi32(x.part[1], to)) << 4;
+}
 #else
 INLINE uint32_t bits_F8(I8 m) {
-#if defined(__SSE2__)
-    __m128 half[2];
-    memcpy(half, &m, sizeof half);
-    return (uint32_t)_mm_movemask_ps(half[0]) | (uint32_t)_mm_movemask_ps(half[1]) << 4;
-#else
     uint32_t all = 0;
     for (int k = 0; k < 8; k++) all |= (uint32_t)(m[k] & 1) << k;
     return all;
-#endif
 }
+INLINE uint32_t equal(I8 a, int32_t b) { return bits_F8(a == b); }
 LANES_IN_PARTS(F8, I8, 8)
 LANES_IN_PARTS(D8, L8, 8)
 #endif
@@ -161,8 +198,6 @@ INLINE float least_of_F16(F16 a) { return _mm512_reduce_min_ps((__m512)a); }
 INLINE uint32_t equal(I16 a, int32_t b) { return _mm512_cmpeq_epi32_mask((__m512i)a, _mm512_set1_epi32(b)); }
 #elif defined(__AVX2__)
 INLINE uint32_t equal(I8 a, int32_t b) { return (uint32_t)_mm256_movemask_ps((__m256)(a == b)); }
-#else
-INLINE uint32_t equal(I8 a, int32_t b) { return bits_F8(a == b); }
 #endif
 
 #if defined(__AVX512VL__)
