@@ -75,23 +75,24 @@ typedef struct Rays {
 /* Rays k to k + GROUP - 1, whose rows are there. Bits: of those that can meet anything. */
 INLINE uint32_t set_group(Rays *r, const BvhScene *s, uint32_t k) {
     const flt huge = F64 ? (flt)1e300 : (flt)1e30;
-    const Whole sign = (Whole) - (Group){0};
+    const Group none = {0};
+    const Whole sign = (Whole)-none;
     const Group t0 = *(const Group *)(r->t0 + k), t1 = *(const Group *)(r->t + k);
     Group d[3], fast[3], size = (Group){0} + (flt)(s->bvh->magnitude + s->slack);
-    Whole fine = t0 <= t1;
+    uint32_t fine = upto(t0, t1);
     for (int a = 0; a < 3; a++) {
         const Group away = (Group)((Whole) * (const Group *)(r->o[a] + k) & ~sign);
         d[a] = *(const Group *)(r->d[a] + k);
         fast[a] = (Group)((Whole)d[a] & ~sign);
-        fine &= (away < (flt)1e30) & (fast[a] < huge);
+        fine &= less(away, none + (flt)1e30) & less(fast[a], none + huge);
         size = higher(away, size);
     }
-    const Whole last = fast[2] > higher(fast[1], fast[0]), middle = ~last & (fast[1] > fast[0]),
+    const Whole last = under(higher(fast[1], fast[0]), fast[2]), middle = ~last & under(fast[0], fast[1]),
                 first = ~(last | middle);
     const Group dz = (Group)((first & (Whole)d[0]) | (middle & (Whole)d[1]) | (last & (Whole)d[2])),
                 dx = (Group)((first & (Whole)d[1]) | (middle & (Whole)d[2]) | (last & (Whole)d[0])),
                 dy = (Group)((first & (Whole)d[2]) | (middle & (Whole)d[0]) | (last & (Whole)d[1])), sz = 1 / dz;
-    fine &= (sz < huge) & (sz > -huge);
+    fine &= less(sz, none + huge) & less(none - huge, sz);
     *(Group *)(r->sx + k) = dx / dz, *(Group *)(r->sy + k) = dy / dz, *(Group *)(r->sz + k) = sz;
     /* Corners less origins are rounded, then sheared: a few units in the last place of the longest of them; in floats a
      * few more for the box itself. */
@@ -108,7 +109,7 @@ INLINE uint32_t set_group(Rays *r, const BvhScene *s, uint32_t k) {
     Whole way = (middle & 1) | (last & 2);
     for (int a = 0; a < 3; a++) {
         const Group o = *(const Group *)(r->o[a] + k), inverse = 1 / (d[a] * against);
-        const Whole down = inverse < 0;
+        const Whole down = under(inverse, none);
         const Group outwards = (Group)((Whole)wide ^ (down & sign));
         *(Narrow *)(r->near[a] + k) = __builtin_convertvector(o + outwards, Narrow);
         *(Narrow *)(r->far[a] + k) = __builtin_convertvector(o - outwards, Narrow);
@@ -121,7 +122,7 @@ INLINE uint32_t set_group(Rays *r, const BvhScene *s, uint32_t k) {
     const Narrow begin = __builtin_convertvector(t0 * scale, Narrow), end = __builtin_convertvector(t1 * scale, Narrow);
     *(Narrow *)(r->begin + k) = begin - higher(begin, -begin) * 0x1p-22f;
     *(Narrow *)(r->end + k) = end + higher(end, -end) * 0x1p-22f;
-    return less((Group)(fine & (Whole)((Group){0} - 1)), (Group){0});
+    return fine;
 }
 
 /* Bits: of the rays that can meet anything. */
