@@ -23,6 +23,7 @@ typedef struct BvhNode {
     float lo[3][BVH_WIDTH], hi[3][BVH_WIDTH];
     int32_t child[BVH_WIDTH];
 } BvhNode;
+#define BVH_UPPER offsetof(BvhNode, hi) /* from a lower side to the upper one */
 
 /* at[corner][axis][triangle]; a place without a triangle has number -1, one whose
  * triangle is not finite that number; the corners of both are NaN. */

@@ -5,6 +5,7 @@
  *   lower(a, b)  a < b ? a : b          higher(a, b)  a > b ? a : b     so where either is NaN: b
  *   chosen(m, a, b)  bit k of m ? a[k] : b[k]             least_of(a)  the least lane
  *   less(a, b)   bit k: a[k] < b[k]     upto(a, b)    bit k: a[k] <= b[k]
+ *   under(a, b)  a < b, as vectors compare
  *
  *   Some         as many doubles as a register holds: of wider vectors compilers keep parts in memory
  *
@@ -62,6 +63,7 @@ INLINE uint32_t bits_D8(L8 m) {
         M m = a > b;                                                                                                   \
         return (T)((m & (M)a) | (~m & (M)b));                                                                          \
     }                                                                                                                  \
+    INLINE M under_##T(T a, T b) { return a < b; }                                                                     \
     INLINE uint32_t less_##T(T a, T b) {                                                                               \
         M m = a < b;                                                                                                   \
         return bits_##T(m);                                                                                            \
@@ -76,6 +78,9 @@ INLINE F8 lower_F8(F8 a, F8 b) { return (F8)_mm256_min_ps((__m256)a, (__m256)b);
 INLINE F8 higher_F8(F8 a, F8 b) { return (F8)_mm256_max_ps((__m256)a, (__m256)b); }
 INLINE uint32_t less_F8(F8 a, F8 b) { return _mm256_cmp_ps_mask((__m256)a, (__m256)b, _CMP_LT_OQ); }
 INLINE uint32_t upto_F8(F8 a, F8 b) { return _mm256_cmp_ps_mask((__m256)a, (__m256)b, _CMP_LE_OQ); }
+INLINE I8 under_F8(F8 a, F8 b) { return a < b; }
+INLINE I16 under_F16(F16 a, F16 b) { return a < b; }
+INLINE L8 under_D8(D8 a, D8 b) { return a < b; }
 INLINE F16 lower_F16(F16 a, F16 b) { return (F16)_mm512_min_ps((__m512)a, (__m512)b); }
 INLINE F16 higher_F16(F16 a, F16 b) { return (F16)_mm512_max_ps((__m512)a, (__m512)b); }
 INLINE uint32_t less_F16(F16 a, F16 b) { return _mm512_cmp_ps_mask((__m512)a, (__m512)b, _CMP_LT_OQ); }
@@ -105,6 +110,13 @@ INLINE D8 higher_D8(D8 a, D8 b) {
     const Halves x = {.all = a}, y = {.all = b};
     return (Halves){.half = {_mm256_max_pd(x.half[0], y.half[0]), _mm256_max_pd(x.half[1], y.half[1])}}.all;
 }
+INLINE I8 under_F8(F8 a, F8 b) { return a < b; }
+INLINE L8 under_D8(D8 a, D8 b) {
+    const Halves x = {.all = a}, y = {.all = b};
+    return (L8)(Halves){
+        .half = {_mm256_cmp_pd(x.half[0], y.half[0], _CMP_LT_OQ), _mm256_cmp_pd(x.half[1], y.half[1], _CMP_LT_OQ)}}
+        .all;
+}
 INLINE uint32_t less_D8(D8 a, D8 b) {
     const Halves x = {.all = a}, y = {.all = b};
     return (uint32_t)_mm256_movemask_pd(_mm256_cmp_pd(x.half[0], y.half[0], _CMP_LT_OQ)) |
@@ -115,31 +127,103 @@ INLINE uint32_t upto_D8(D8 a, D8 b) {
     return (uint32_t)_mm256_movemask_pd(_mm256_cmp_pd(x.half[0], y.half[0], _CMP_LE_OQ)) |
            (uint32_t)_mm256_movemask_pd(_mm256_cmp_pd(x.half[1], y.half[1], _CMP_LE_OQ)) << 4;
 }
+#elif defined(__SSE2__)
+/* By name: of comparisons of vectors wider than its registers GCC makes one for each number. */
+#define LANES_OF_PARTS(T, M, R, n, suffix)                                                                                \
+    typedef union T##Parts {                                                                                           \
+        T all;                                                                                                         \
+        R part[8 / n];                                                                                                 \
+    } T##Parts;                                                                                                        \
+    INLINE T lower_##T(T a, T b) {                                                                                     \
+        T##Parts x = {.all = a}, y = {.all = b};                                                                       \
+        for (int k = 0; k < 8 / n; k++) x.part[k] = _mm_min_##suffix(x.part[k], y.part[k]);                            \
+        return x.all;                                                                                                  \
+    }                                                                                                                  \
+    INLINE T higher_##T(T a, T b) {                                                                                    \
+        T##Parts x = {.all = a}, y = {.all = b};                                                                       \
+        for (int k = 0; k < 8 / n; k++) x.part[k] = _mm_max_##suffix(x.part[k], y.part[k]);                            \
+        return x.all;                                                                                                  \
+    }                                                                                                                  \
+    INLINE M under_##T(T a, T b) {                                                                                     \
+        T##Parts x = {.all = a}, y = {.all = b};                                                                       \
+        for (int k = 0; k < 8 / n; k++) x.part[k] = _mm_cmplt_##suffix(x.part[k], y.part[k]);                          \
+        return (M)x.all;                                                                                               \
+    }                                                                                                                  \
+    INLINE uint32_t less_##T(T a, T b) {                                                                               \
+        const T##Parts x = {.all = a}, y = {.all = b};                                                                 \
+        uint32_t all = 0;                                                                                              \
+        for (int k = 0; k < 8 / n; k++)                                                                                \
+            all |= (uint32_t)_mm_movemask_##suffix(_mm_cmplt_##suffix(x.part[k], y.part[k])) << n * k;                 \
+        return all;                                                                                                    \
+    }                                                                                                                  \
+    INLINE uint32_t upto_##T(T a, T b) {                                                                               \
+        const T##Parts x = {.all = a}, y = {.all = b};                                                                 \
+        uint32_t all = 0;                                                                                              \
+        for (int k = 0; k < 8 / n; k++)                                                                                \
+            all |= (uint32_t)_mm_movemask_##suffix(_mm_cmple_##suffix(x.part[k], y.part[k])) << n * k;                 \
+        return all;                                                                                                    \
+    }
+LANES_OF_PARTS(F8, I8, __m128, 4, ps)
+LANES_OF_PARTS(D8, L8, __m128d, 2, pd)
+INLINE F8 chosen_F8(uint64_t m, F8 a, F8 b) {
+    F8Parts x = {.all = a}, y = {.all = b};
+    for (int k = 0; k < 2; k++) {
+        const __m128i bit = _mm_slli_epi32(_mm_setr_epi32(1, 2, 4, 8), 4 * k);
+        const __m128 on = (__m128)_mm_cmpeq_epi32(_mm_and_si128(_mm_set1_epi32((int)m), bit), bit);
+        x.part[k] = _mm_or_ps(_mm_and_ps(on, x.part[k]), _mm_andnot_ps(on, y.part[k]));
+    }
+    return x.all;
+}
+INLINE D8 chosen_D8(uint64_t m, D8 a, D8 b) {
+    D8Parts x = {.all = a}, y = {.all = b};
+    for (int k = 0; k < 4; k++) {
+        const __m128i bit = _mm_slli_epi32(_mm_setr_epi32(1, 1, 2, 2), 2 * k);
+        const __m128d on = (__m128d)_mm_cmpeq_epi32(_mm_and_si128(_mm_set1_epi32((int)m), bit), bit);
+        x.part[k] = _mm_or_pd(_mm_and_pd(on, x.part[k]), _mm_andnot_pd(on, y.part[k]));
+    }
+    return x.all;
+}
+INLINE uint32_t equal(I8 a, int32_t b) {
+    const union {
+        I8 all;
+        __m128i part[2];
+    } x = {.all = a};
+    const __m128i to = _mm_set1_epi32(b);
+    return (uint32_t)_mm_movemask_ps((__m128)_mm_cmpeq_epi32(x.part[0], to)) |
+           (uint32_t)_mm_movemask_ps((__m128)_mm_cmpeq_epi32(x.part[1], to)) << 4;
+}
 #else
 INLINE uint32_t bits_F8(I8 m) {
-#if defined(__SSE2__)
-    __m128 half[2];
-    memcpy(half, &m, sizeof half);
-    return (uint32_t)_mm_movemask_ps(half[0]) | (uint32_t)_mm_movemask_ps(half[1]) << 4;
-#else
     uint32_t all = 0;
     for (int k = 0; k < 8; k++) all |= (uint32_t)(m[k] & 1) << k;
     return all;
-#endif
 }
+INLINE uint32_t equal(I8 a, int32_t b) { return bits_F8(a == b); }
 LANES_IN_PARTS(F8, I8, 8)
 LANES_IN_PARTS(D8, L8, 8)
 #endif
 
 INLINE F8 all_F8(float v) { return (F8){v, v, v, v, v, v, v, v}; }
 INLINE D8 all_D8(double v) { return (D8){v, v, v, v, v, v, v, v}; }
+#if defined(__AVX__) || !defined(__SSE2__)
 INLINE F8 chosen_F8(uint64_t m, F8 a, F8 b) {
     const I8 bit = {1, 2, 4, 8, 16, 32, 64, 128}, on = ((bit & (int32_t)m) != 0);
     return (F8)((on & (I8)a) | (~on & (I8)b));
 }
+#endif
 #if defined(__AVX512F__)
 INLINE D8 chosen_D8(uint64_t m, D8 a, D8 b) { return (D8)_mm512_mask_mov_pd((__m512d)b, (__mmask8)m, (__m512d)a); }
-#else
+#elif defined(__AVX2__)
+INLINE D8 chosen_D8(uint64_t m, D8 a, D8 b) {
+    Halves x = {.all = a}, y = {.all = b};
+    for (int k = 0; k < 2; k++) {
+        const __m256i bit = _mm256_slli_epi64(_mm256_setr_epi64x(1, 2, 4, 8), 4 * k),
+                      on = _mm256_cmpeq_epi64(_mm256_and_si256(_mm256_set1_epi64x((int64_t)m), bit), bit);
+        x.half[k] = _mm256_blendv_pd(y.half[k], x.half[k], (__m256d)on);
+    }
+    return x.all;
+}
+#elif !defined(__SSE2__)
 INLINE D8 chosen_D8(uint64_t m, D8 a, D8 b) {
     const L8 bit = {1, 2, 4, 8, 16, 32, 64, 128}, on = ((bit & (int64_t)m) != 0);
     return (D8)((on & (L8)a) | (~on & (L8)b));
@@ -161,8 +245,6 @@ INLINE float least_of_F16(F16 a) { return _mm512_reduce_min_ps((__m512)a); }
 INLINE uint32_t equal(I16 a, int32_t b) { return _mm512_cmpeq_epi32_mask((__m512i)a, _mm512_set1_epi32(b)); }
 #elif defined(__AVX2__)
 INLINE uint32_t equal(I8 a, int32_t b) { return (uint32_t)_mm256_movemask_ps((__m256)(a == b)); }
-#else
-INLINE uint32_t equal(I8 a, int32_t b) { return bits_F8(a == b); }
 #endif
 
 #if defined(__AVX512VL__)
@@ -178,6 +260,7 @@ typedef I8 Whether;
 #define higher(a, b) LANES_OF(higher, a)(a, b)
 #define less(a, b) LANES_OF(less, a)(a, b)
 #define upto(a, b) LANES_OF(upto, a)(a, b)
+#define under(a, b) LANES_OF(under, a)(a, b)
 #define chosen(m, a, b) LANES_OF(chosen, a)(m, a, b)
 #define least_of(a) LANES_OF(least_of, a)(a)
 
@@ -256,12 +339,10 @@ INLINE float outwards_of(double v) {
 #define LOW_BITS(n) (~(uint64_t)0 >> (64 - (n)))
 /* What rays go by (rays.inc.h); measured, they change no answer. */
 enum {
-    PACKET = 8,      /* rays that go together, at least */
-    TRIES = 4,       /* to find such */
-    FEW = 4,         /* rays that leave a packet at a node */
-    FEW_IN_LEAF = 6, /* rays of a packet that meet a leaf one by one */
-    LARGE = 4096,    /* leaves, from where on a tree is slow to reach */
-    TURNS = 4        /* rays that go through a large tree in turns, at least */
+    PACKET = 8,     /* rays that go together, at least */
+    TRIES = 4,      /* to find such */
+    FEW = 4,        /* rays that leave a packet at a node */
+    FEW_IN_LEAF = 6 /* rays of a packet that meet a leaf one by one */
 };
 #define SPREAD 0.25f /* of the slopes of a packet's rays */
 #define NEAR 0.25    /* of the mesh's largest coordinate: how far apart rays begin that share nodes */

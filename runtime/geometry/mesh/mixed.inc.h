@@ -53,7 +53,7 @@ static void descend_mixed(const BvhScene *s, Rays *r, uint64_t who, int32_t at, 
             if (!here) continue;
             if (at < 0) meet_each(s, r, here, ~at);
             else if (here & (here - 1)) break;
-            else descend_each(s, r, here, (uint32_t)at, any);
+            else descend_each(s, r, here, at, any);
             for (uint64_t k = any ? here : 0; k; k &= k - 1)
                 if (r->triangle[__builtin_ctzll(k)] >= 0) who &= ~(k & -k);
             if (!who) return;

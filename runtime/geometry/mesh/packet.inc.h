@@ -200,7 +200,7 @@ static bool descend_packet(const BvhScene *s, Rays *r, uint64_t who, bool any) {
                 at = (uint32_t)child;
                 break;
             } else if (many > 1) descend_mixed(s, r, here, child, any);
-            else descend_each(s, r, here, (uint32_t)child, any);
+            else descend_each(s, r, here, child, any);
             for (uint64_t k = any ? here : 0; k; k &= k - 1)
                 if (r->triangle[__builtin_ctzll(k)] >= 0) who &= ~(k & -k);
             if (!who) return true;

@@ -37,11 +37,6 @@
 #define moved_leaf FN(moved_leaf)
 #define take FN(take)
 #define pass_boxes FN(pass_boxes)
-#define Waiting FN(BvhWaiting)
-#define go_down FN(go_down)
-#define trace_below FN(trace_below)
-#define block_below FN(block_below)
-#define descend_each FN(descend_each)
 #define meet_each FN(meet_each)
 #define fetch FN(fetch)
 #define all FN(all)
@@ -71,6 +66,7 @@ typedef struct Rays {
     float near[3][RAYS], far[3][RAYS], inverse[3][RAYS]; /* a box is entered at (its nearer side - near) * inverse */
     float begin[RAYS], end[RAYS];                        /* t0 and t there, outwards */
     int32_t way[RAYS];                                   /* the longest axis of d, 4 << a where axis a is gone down */
+    uint32_t down[3][RAYS];                              /* from a node's lower sides to its nearer ones, in bytes */
     int32_t triangle[RAYS];
 } __attribute__((aligned(64))) Rays;
 
@@ -79,23 +75,24 @@ typedef struct Rays {
 /* Rays k to k + GROUP - 1, whose rows are there. Bits: of those that can meet anything. */
 INLINE uint32_t set_group(Rays *r, const BvhScene *s, uint32_t k) {
     const flt huge = F64 ? (flt)1e300 : (flt)1e30;
-    const Whole sign = (Whole) - (Group){0};
+    const Group none = {0};
+    const Whole sign = (Whole)-none;
     const Group t0 = *(const Group *)(r->t0 + k), t1 = *(const Group *)(r->t + k);
     Group d[3], fast[3], size = (Group){0} + (flt)(s->bvh->magnitude + s->slack);
-    Whole fine = t0 <= t1;
+    uint32_t fine = upto(t0, t1);
     for (int a = 0; a < 3; a++) {
         const Group away = (Group)((Whole) * (const Group *)(r->o[a] + k) & ~sign);
         d[a] = *(const Group *)(r->d[a] + k);
         fast[a] = (Group)((Whole)d[a] & ~sign);
-        fine &= (away < (flt)1e30) & (fast[a] < huge);
+        fine &= less(away, none + (flt)1e30) & less(fast[a], none + huge);
         size = higher(away, size);
     }
-    const Whole last = fast[2] > higher(fast[1], fast[0]), middle = ~last & (fast[1] > fast[0]),
+    const Whole last = under(higher(fast[1], fast[0]), fast[2]), middle = ~last & under(fast[0], fast[1]),
                 first = ~(last | middle);
     const Group dz = (Group)((first & (Whole)d[0]) | (middle & (Whole)d[1]) | (last & (Whole)d[2])),
                 dx = (Group)((first & (Whole)d[1]) | (middle & (Whole)d[2]) | (last & (Whole)d[0])),
                 dy = (Group)((first & (Whole)d[2]) | (middle & (Whole)d[0]) | (last & (Whole)d[1])), sz = 1 / dz;
-    fine &= (sz < huge) & (sz > -huge);
+    fine &= less(sz, none + huge) & less(none - huge, sz);
     *(Group *)(r->sx + k) = dx / dz, *(Group *)(r->sy + k) = dy / dz, *(Group *)(r->sz + k) = sz;
     /* Corners less origins are rounded, then sheared: a few units in the last place of the longest of them; in floats a
      * few more for the box itself. */
@@ -108,23 +105,24 @@ INLINE uint32_t set_group(Rays *r, const BvhScene *s, uint32_t k) {
     const Group scale = (Group){0} + 1, against = scale;
 #endif
     *(Group *)(r->scale + k) = scale;
+    typedef int32_t Ways __attribute__((vector_size(4 * GROUP)));
     Whole way = (middle & 1) | (last & 2);
     for (int a = 0; a < 3; a++) {
         const Group o = *(const Group *)(r->o[a] + k), inverse = 1 / (d[a] * against);
-        const Whole down = inverse < 0;
+        const Whole down = under(inverse, none);
         const Group outwards = (Group)((Whole)wide ^ (down & sign));
         *(Narrow *)(r->near[a] + k) = __builtin_convertvector(o + outwards, Narrow);
         *(Narrow *)(r->far[a] + k) = __builtin_convertvector(o - outwards, Narrow);
         *(Narrow *)(r->inverse[a] + k) = __builtin_convertvector(inverse, Narrow);
         way |= down & (4 << a);
+        *(Ways *)(r->down[a] + k) = __builtin_convertvector(down & (int)BVH_UPPER, Ways);
     }
-    typedef int32_t Ways __attribute__((vector_size(4 * GROUP)));
     *(Ways *)(r->way + k) = __builtin_convertvector(way, Ways);
     *(Ways *)(r->triangle + k) = (Ways){0} + SLT_WITNESS_NONE;
     const Narrow begin = __builtin_convertvector(t0 * scale, Narrow), end = __builtin_convertvector(t1 * scale, Narrow);
     *(Narrow *)(r->begin + k) = begin - higher(begin, -begin) * 0x1p-22f;
     *(Narrow *)(r->end + k) = end + higher(end, -end) * 0x1p-22f;
-    return less((Group)(fine & (Whole)((Group){0} - 1)), (Group){0});
+    return fine;
 }
 
 /* Bits: of the rays that can meet anything. */
@@ -245,111 +243,18 @@ INLINE void meet_each(const BvhScene *s, Rays *r, uint64_t who, int32_t leaf) {
 INLINE uint32_t pass_boxes(const BvhNode *n, const Rays *r, uint32_t k, F8 *enter) {
     F8 in = all_F8(r->begin[k]), out = all_F8(r->end[k]);
     for (int a = 0; a < 3; a++) {
-        const float *box = n->lo[a];
-        const size_t far = r->way[k] & 4 << a ? 0 : 24;
+        /* Added, not chosen: of rays that go apart nobody guesses which way the next one goes. */
+        const char *lo = (const char *)n->lo[a], *hi = (const char *)n->hi[a];
+        const size_t down = r->down[a][k];
         const F8 inverse = all_F8(r->inverse[a][k]);
-        in = higher((*(const F8 *)(box + 24 - far) - all_F8(r->near[a][k])) * inverse, in);
-        out = lower((*(const F8 *)(box + far) - all_F8(r->far[a][k])) * inverse, out);
+        in = higher((*(const F8 *)(lo + down) - all_F8(r->near[a][k])) * inverse, in);
+        out = lower((*(const F8 *)(hi - down) - all_F8(r->far[a][k])) * inverse, out);
     }
     *enter = in;
     return upto(in, out);
 }
 
-typedef struct Waiting {
-    float enter;
-    int32_t child;
-} Waiting;
-
-/* Ray k from a node on, of which it has met the boxes `hit`. */
-INLINE void go_down(const BvhScene *s, Rays *r, uint32_t k, const BvhNode *n, uint32_t hit, F8 in, bool any) {
-    Waiting stack[BVH_STACK], *top = stack;
-    size_t close[3];
-    F8 near[3], far[3], inverse[3], end = all_F8(r->end[k]);
-    const F8 begin = all_F8(r->begin[k]);
-    for (int a = 0; a < 3; a++) {
-        close[a] = (size_t)(r->way[k] & 4 << a ? 24 : 0) + 8 * (size_t)a;
-        near[a] = all_F8(r->near[a][k]), far[a] = all_F8(r->far[a][k]), inverse[a] = all_F8(r->inverse[a][k]);
-    }
-    for (;;) {
-        int32_t at = -1;
-        if (hit) {
-            float enter[8] __attribute__((aligned(32)));
-            *(F8 *)enter = in;
-            uint32_t i = (uint32_t)__builtin_ctz(hit);
-            float nearest = enter[i];
-            at = n->child[i];
-            /* The nearest next; the others wait, the nearest of them on top. */
-            Waiting *const bottom = top;
-            while (hit &= hit - 1) {
-                i = (uint32_t)__builtin_ctz(hit);
-                Waiting other = {enter[i], n->child[i]};
-                if (s->bvh->nleaves > LARGE) fetch(s, other.child);
-                if (other.enter < nearest) {
-                    const Waiting first = {nearest, at};
-                    nearest = other.enter, at = other.child, other = first;
-                }
-                Waiting *place = top++;
-                for (; !any && place > bottom && place[-1].enter < other.enter; place--) *place = place[-1];
-                *place = other;
-            }
-            if (at < 0) {
-                meet_each(s, r, (uint64_t)1 << k, ~at);
-                if (any && r->triangle[k] >= 0) return;
-                end = all_F8(r->end[k]);
-            }
-        }
-        while (at < 0) {
-            do {
-                if (top == stack) return;
-                top--;
-            } while (!any && top->enter > end[0]);
-            at = top->child;
-            if (at >= 0) break;
-            meet_each(s, r, (uint64_t)1 << k, ~at);
-            if (any && r->triangle[k] >= 0) return;
-            end = all_F8(r->end[k]);
-        }
-        n = &s->bvh->node[at];
-        const float *box = n->lo[0];
-        F8 out = end;
-        in = begin;
-        for (int a = 0; a < 3; a++) {
-            in = higher((*(const F8 *)(box + close[a]) - near[a]) * inverse[a], in);
-            out = lower((*(const F8 *)((box - close[a]) + 24 + 16 * a) - far[a]) * inverse[a], out);
-        }
-        hit = upto(in, out);
-    }
-}
-
-static void trace_below(const BvhScene *s, Rays *r, uint32_t k, const BvhNode *n, uint32_t hit, const F8 *in) {
-    go_down(s, r, k, n, hit, *in, false);
-}
-
-static void block_below(const BvhScene *s, Rays *r, uint32_t k, const BvhNode *n, uint32_t hit, const F8 *in) {
-    go_down(s, r, k, n, hit, *in, true);
-}
-
 #include "turns.inc.h"
-
-/* Rays from a node on, each for itself. */
-INLINE void descend_each(const BvhScene *s, Rays *r, uint64_t who, uint32_t node, bool any) {
-    if (s->bvh->nleaves > LARGE && __builtin_popcountll(who) >= TURNS) {
-        if (any) turns_any(s, r, who, node);
-        else turns_first(s, r, who, node);
-        return;
-    }
-    const BvhNode *n = &s->bvh->node[node];
-    F8 enter[RAYS];
-    uint8_t pass[RAYS];
-    for (uint64_t left = who; left; left &= left - 1) {
-        const uint32_t k = (uint32_t)__builtin_ctzll(left);
-        pass[k] = (uint8_t)pass_boxes(n, r, k, &enter[k]);
-    }
-    for (; who; who &= who - 1) {
-        const uint32_t k = (uint32_t)__builtin_ctzll(who);
-        if (pass[k]) (any ? block_below : trace_below)(s, r, k, n, pass[k], &enter[k]);
-    }
-}
 
 #include "mixed.inc.h"
 #include "packet.inc.h"
