@@ -1,6 +1,7 @@
 /* saltus view: a shader in the browser, on a server of its own for this machine. The threads: cli/view/viewer.h. */
 #include <errno.h>
 #include <fcntl.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/random.h>
@@ -9,7 +10,7 @@
 #include "cli/view/files.h"
 #include "cli/view/serve.h"
 
-enum { TELL_MILLISECONDS = 30, IDLE_MILLISECONDS = 5000 };
+enum { TELL_MILLISECONDS = 30, IDLE_MILLISECONDS = 5000, LOOK_MILLISECONDS = 400 };
 
 static bool make_token(char token[HTTP_TOKEN + 1]) {
     uint8_t bytes[HTTP_TOKEN / 2];
@@ -42,15 +43,21 @@ static void serve(Served *s, Files *files, int woken) {
     const int fds[] = {woken, files ? files_fd(files) : -1};
     uint64_t seen = 0;
     double next_tell = 0; /* at once: a save may have been missed already */
+    double next_look = 0;
     bool failed = false;
     while (!s->over && !watch_ended()) {
         double wait = 1e3 * (next_tell - cli_now()) + (s->untold ? 0 : IDLE_MILLISECONDS);
+        if (files) wait = fmin(wait, 1e3 * (next_look - cli_now()));
         uint32_t ready = http_poll(s->http, fds, files ? 2 : 1, wait > 0 ? (int)wait + 1 : 0);
         if (ready & 1) drain(woken), s->untold = true;
         serve_replies(s);
         if (files) follow(s, files, &seen, &failed);
         if (ready & 2 && files_changed(files, failed)) viewer_compile(s->viewer);
         double now = cli_now();
+        if (files && now >= next_look) {
+            if (files_look(files)) viewer_compile(s->viewer);
+            next_look = now + 1e-3 * LOOK_MILLISECONDS;
+        }
         if (now >= next_tell + (s->untold ? 0 : 1e-3 * IDLE_MILLISECONDS)) {
             http_tell(s->http);
             s->untold = false, next_tell = now + 1e-3 * TELL_MILLISECONDS;

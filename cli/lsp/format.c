@@ -27,6 +27,10 @@ typedef struct Item { /* a token or a comment */
     uint32_t line;   /* ROLE_GOES_ON: first item of the line where its statement begins */
     uint32_t new_column;
     bool unary;
+    bool begins; /* a statement */
+    bool block;  /* a brace of one, not of a list */
+    bool choice; /* the colon of one `?` */
+    char sign;   /* `+` and `-`, of the steps too; else 0 */
 } Item;
 
 typedef struct Format {
@@ -112,6 +116,7 @@ static void go_on(Format *f) {
 
 static void begin(Format *f, uint32_t indent, Role role) {
     Item *i = here(f);
+    i->begins = true;
     if (i->breaks) i->role = role, i->indent = indent;
     f->line = line_of(f, f->tokens.data[f->at]);
 }
@@ -132,6 +137,7 @@ static void statement(Format *f, uint32_t indent);
 
 static void block(Format *f, uint32_t indent, bool cases) {
     uint32_t line = f->line;
+    here(f)->block = true;
     f->at++;
     while (kind(f) != TOK_RBRACE && kind(f) != TOK_EOF) {
         bool label = kind(f) == TOK_CASE || kind(f) == TOK_DEFAULT;
@@ -141,6 +147,7 @@ static void block(Format *f, uint32_t indent, bool cases) {
     f->line = line;
     if (kind(f) == TOK_EOF) return;
     begin(f, indent, ROLE_CLOSES);
+    here(f)->block = true;
     f->at++;
     f->line = line;
 }
@@ -277,11 +284,17 @@ static bool ends_operand(const Item *i) {
 static bool is_step(const Item *i) { return i->tok.kind == TOK_OP && (i->tok.op == OPR_INC || i->tok.op == OPR_DEC); }
 
 static void find_unary(Format *f) {
+    uint32_t choices = 0;
     for (uint32_t t = 0; t < f->tokens.len; t++) {
         Item *i = &f->items.data[f->tokens.data[t]], *before = t ? &f->items.data[f->tokens.data[t - 1]] : NULL;
-        bool operand = before && (ends_operand(before) || (is_step(before) && !before->unary));
+        bool operand = before && !i->begins && (ends_operand(before) || (is_step(before) && !before->unary));
         /* unary of ++ and --: it stands before its place */
         i->unary = i->tok.kind == TOK_OP && !operand;
+        const char c = f->src->text[i->pos];
+        i->sign = i->tok.kind == TOK_OP && (c == '+' || c == '-') ? c : 0;
+        if (i->tok.kind == TOK_QUESTION) choices++;
+        if (i->tok.kind == TOK_SEMICOLON) choices = 0;
+        if (i->tok.kind == TOK_COLON && choices) choices--, i->choice = true;
         /* a cast: `(float)-x` */
         if (t >= 3 && before->tok.kind == TOK_RPAREN && f->items.data[f->tokens.data[t - 2]].tok.kind == TOK_TYPE &&
             f->items.data[f->tokens.data[t - 3]].tok.kind == TOK_LPAREN && i->tok.kind == TOK_OP)
@@ -296,18 +309,19 @@ static uint32_t blanks(const Item *p, const Item *i) {
     if (b == TOK_SEMICOLON || b == TOK_COMMA || b == TOK_DOT || a == TOK_DOT) return 0;
     if (b == TOK_RPAREN || b == TOK_RBRACKET || a == TOK_LPAREN || a == TOK_LBRACKET) return 0;
     if (a == TOK_COMMA || a == TOK_SEMICOLON) return 1;
-    if (a == TOK_LBRACE || b == TOK_RBRACE) return kept(i);
+    if (a == TOK_LBRACE && b == TOK_RBRACE) return kept(i);
+    if (a == TOK_LBRACE || b == TOK_RBRACE) return (a == TOK_LBRACE ? p : i)->block ? 1 : kept(i);
     if (b == TOK_LBRACE || a == TOK_RBRACE) return 1;
     if (a == TOK_RBRACKET && p->attribute) return 1;
     if (b == TOK_LBRACKET) return i->attribute ? 1 : 0;
-    if (p->unary) return 0;
+    if (p->unary) return p->sign && p->sign == i->sign; /* `- -x` is no step */
     if (is_step(i) && !i->unary) return 0;
     if (a == TOK_OP || b == TOK_OP || a == TOK_ASSIGN || b == TOK_ASSIGN || a == TOK_QUESTION || b == TOK_QUESTION)
         return is_step(p) && b == TOK_LPAREN ? 0 : 1;
-    if (b == TOK_COLON) return kept(i);
+    if (b == TOK_COLON) return i->choice ? 1 : kept(i);
     if (b == TOK_LPAREN)
         return a == TOK_IDENT || a == TOK_TYPE ? 0 : a == TOK_RPAREN || a == TOK_RBRACKET ? kept(i) : 1;
-    if (a == TOK_RPAREN) return kept(i);
+    if (a == TOK_RPAREN) return i->begins ? 1 : kept(i); /* else it may be a cast */
     return 1;
 }
 

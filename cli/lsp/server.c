@@ -93,6 +93,7 @@ static void publish(Loop *l, const char *uri, const Document *d, json_t *list) {
 
 /* ---- jobs */
 
+/* NULL: the one behind the last. */
 static Job **slot_of(Loop *l, const Job *j) {
     Job **at = &l->jobs;
     while (*at != j) at = &(*at)->next;
@@ -320,8 +321,7 @@ static void job_start(Loop *l, const Document *d, json_t *id, const char *method
         return;
     }
     j->pid = pid, j->fd = ends[0], j->id = json_incref(id), j->version = d->version, j->began = cli_now();
-    j->next = l->jobs;
-    l->jobs = j;
+    *slot_of(l, NULL) = j; /* behind the others: what is ready together is answered as it was asked */
 }
 
 static void end_checks(Loop *l, const char *uri) {

@@ -1,4 +1,5 @@
 /* Answers of the computing thread: values, images, gradients, points, cells. */
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -32,12 +33,27 @@ static bool is_plain(const json_t *j, uint32_t depth) {
     return json_is_number(j) || json_is_boolean(j);
 }
 
+static bool is_held(const json_t *j, double most) {
+    size_t i;
+    const char *key;
+    json_t *part;
+    if (json_is_array(j)) {
+        json_array_foreach(j, i, part) if (!is_held(part, most)) return false;
+        return true;
+    }
+    json_object_foreach((json_t *)j, key, part) if (!is_held(part, most)) return false;
+    return !json_is_real(j) || fabs(json_real_value(j)) <= most;
+}
+
 static SltStatus set_params(Viewer *v, json_t *params, SltError *err) {
     const char *name;
     json_t *value;
     json_object_foreach(params, name, value) {
         if (!is_plain(value, 0))
             return status_fail(err, SLT_USAGE, "`%s`: numbers are wanted, or lists or objects of numbers", name);
+        if (!v->shown->p->opt.f64 && !is_held(value, FLT_MAX))
+            return status_fail(err, SLT_USAGE, "`%s`: single precision holds no such number; --precision f64 does",
+                               name);
         char *text = cli_need(json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(17)));
         SltStatus status = slt_set_text(v->shown->p, name, text, err);
         free(text);

@@ -36,24 +36,30 @@ async function ask(path, options = {}) {
 }
 const post = (path, content) => ask(path, { method: "POST", body: content === undefined ? "" : JSON.stringify(content) });
 const say = text => { $("under").dataset.said = text; $("where").textContent = text; };
-const short = v => typeof v !== "number" ? String(v) : Math.abs(v) >= 1e5 || (v && Math.abs(v) < 1e-3) ? v.toExponential(2) : String(+v.toFixed(4));
+const short = v => v === null ? "NaN" : typeof v !== "number" ? String(v) : Math.abs(v) >= 1e5 || (v && Math.abs(v) < 1e-3) ? v.toExponential(2) : String(+v.toFixed(4));
 
 /* ---- values: read and set by path, "discs[3].centre.x" */
 const AXES = ["x", "y", "z", "w"];
+/* The parameter, whose name has a dot where it is a module's, and the keys that lead on. */
+function keys(path) {
+  let name = path;
+  while (!(name in values) && /[.[]/.test(name)) name = name.replace(/[.[][^.[]*$/, "");
+  return [name, ...(path.slice(name.length).match(/[^.[\]]+/g) || [])];
+}
+const key = (v, k) => Array.isArray(v) && AXES.includes(k) ? AXES.indexOf(k) : k;
 function read(path) {
   let v = values;
-  for (const part of path.match(/[^.[\]]+/g)) {
+  for (const k of keys(path)) {
     if (v === undefined) return undefined;
-    v = Array.isArray(v) && AXES.includes(part) ? v[AXES.indexOf(part)] : v[part];
+    v = v[key(v, k)];
   }
   return v;
 }
 function write(path, value) {
-  const parts = path.match(/[^.[\]]+/g), last = parts.pop();
+  const all = keys(path), last = all.pop();
   let v = values;
-  for (const part of parts) v = v[part];
-  if (Array.isArray(v) && AXES.includes(last)) v[AXES.indexOf(last)] = value;
-  else v[last] = value;
+  for (const k of all) v = v[key(v, k)];
+  v[key(v, last)] = value;
 }
 
 /* ---- the pump: one request at a time, the picture before its derivative */
@@ -95,7 +101,7 @@ async function pump() {
       $("took").textContent = `${w} × ${h}, ${took.toFixed(1)} ms`;
       if (scale === 1 && took > SLOW && moving && !state.fit.running) coarse = Math.min(8, Math.ceil(Math.sqrt(took / SLOW)) + 1);
       if (scale === 1 && took < SLOW / 4) coarse = 1;
-      if (sent.reset) values = (await (await ask("/state")).json()).values, refresh();
+      if (sent.reset) await takeValues();
       drawPoints();
       refine = moving && (scale > 1 || state.spp > 1 || program.rand);
       if (refine && !wanted) await new Promise(done => setTimeout(done, state.fit.running ? 0 : 150));
@@ -104,12 +110,20 @@ async function pump() {
       if (!wanted && !refine && $("show-cells").checked) await drawCells();
     } catch (e) {
       say(e.message);
+      if (e.status === 422) await takeValues().catch(() => {}); /* none of them was set */
       if (e.status === 409 && !state.fit.running && program) await new Promise(done => setTimeout(done, 50)), wanted = state.status === "ready" && e.message.startsWith("interrupted");
       else if (!e.status) break;
     }
   }
   running = false;
   body.dataset.busy = "0";
+}
+
+async function takeValues() {
+  const next = await (await ask("/state")).json();
+  if (Object.keys(pending).length || next.generation !== state.generation) return;
+  values = next.values;
+  refresh();
 }
 
 function draw(canvas, data, w, h) {
@@ -205,25 +219,39 @@ function row(name, doc, ...inputs) {
   if (inputs[0].id) label.htmlFor = inputs[0].id;
   return element("div", { class: "row" }, label, ...inputs);
 }
+const brief = v => { const a = Math.abs(v); return a >= 1e6 || (a && a < 1e-4) ? v.toExponential(4).replace(/\.?0*e/, "e") : String(+v.toPrecision(6)); };
 function slider(param, name, path, span) {
   const log = param.log && span && span[0] > 0, whole = param.kind !== "float";
+  const least = !whole ? -Infinity : param.kind === "uint" ? 0 : -(2 ** 31), most = !whole ? Infinity : param.kind === "uint" ? 2 ** 32 - 1 : 2 ** 31 - 1;
   const range = element("input", { type: "range", "data-name": path, "aria-label": path, min: 0, max: 1, step: whole ? 1 : "any" });
   const number = element("input", { type: "number", "data-number": path, "aria-label": path, step: whole ? 1 : "any" });
   let lo, hi;
   const to = v => log ? Math.log(v) : v, from = v => log ? Math.exp(v) : v;
   const limit = v => {
     if (span) [lo, hi] = span;
-    else if (lo === undefined || v < lo || v > hi) { const m = Math.max(whole ? 8 : 1, Math.abs(v)); [lo, hi] = [v - m, v + m]; if (param.kind === "uint") lo = Math.max(0, lo); }
+    else if (lo === undefined || v < lo || v > hi) { const m = Math.max(whole ? 8 : 1, Math.abs(v)); [lo, hi] = [Math.max(least, v - m), Math.min(most, v + m)]; }
     range.min = to(lo), range.max = to(hi);
   };
-  range.addEventListener("input", () => { const v = whole ? Math.round(+range.value) : +from(+range.value).toPrecision(5); number.value = v; step(path, v); });
-  number.addEventListener("change", () => { const v = +number.value; if (number.value !== "" && Number.isFinite(v)) { limit(v); range.value = to(v); step(path, whole ? Math.round(v) : v); } });
-  controls.push({ refresh() {
-    const v = read(path);
-    if (v === undefined || document.activeElement === number) return;
+  range.addEventListener("input", () => { const v = whole ? Math.round(+range.value) : +from(+range.value).toPrecision(5); put(v); step(path, v); });
+  const put = v => { number.value = whole ? v : brief(v); number.classList.toggle("long", number.value.length > 8); };
+  number.addEventListener("change", () => {
+    let v = +number.value;
+    if (number.value === "" || !Number.isFinite(v)) { put(read(path)); return; }
+    if (whole) v = Math.min(most, Math.max(least, Math.round(v)));
     limit(v);
     range.value = to(v);
-    number.value = whole ? v : +v.toPrecision(5);
+    if (whole) put(v);
+    step(path, v);
+  });
+  let told;
+  controls.push({ refresh() {
+    const v = read(path);
+    if (!Number.isFinite(v)) { number.value = ""; return; }
+    if (document.activeElement === number && v === told) return; /* what is being typed stays */
+    told = v;
+    limit(v);
+    range.value = to(v);
+    put(v);
   } });
   return row(name, param.doc, range, number);
 }
@@ -234,10 +262,15 @@ function axisRange(param, axis) {
 const base = type => type.replace(/\s*\[.*$/, "");
 const vectorRank = param => /^(float|int|uint|bool)[234]x[234]$/.test(base(param.type)) ? 2 : /^(float|int|uint|bool)[234]$/.test(base(param.type)) ? 1 : 0;
 const arrayRank = param => param.kind === "struct" ? param.shape.length : param.shape.length - vectorRank(param);
-const isPoint = param => program.dim === 2 && param.kind === "float" && base(param.type) === "float2" && !param.color;
+const isPoint = param => program.dim === 2 && param.kind === "float" && base(param.type) === "float2" && !param.color && !param.row;
 
 function leaf(param, name, path) {
   const rank = vectorRank(param);
+  if (rank > 1) {
+    const group = element("div", { class: "group" }, element("div", { class: "name", title: param.doc || "" }, name)), shape = param.shape.slice(1);
+    for (let i = 0; i < param.shape[0]; i++) group.append(leaf({ ...param, type: param.kind + shape[0], shape, row: true }, `row ${i}`, `${path}[${i}]`));
+    return group;
+  }
   if (param.kind === "bool" && !rank) {
     const box = element("input", { type: "checkbox", "data-name": path, "aria-label": path });
     box.addEventListener("change", () => step(path, box.checked));
@@ -246,7 +279,6 @@ function leaf(param, name, path) {
   }
   if (!rank) return slider(param, name, path, param.range);
   const n = param.shape[param.shape.length - 1];
-  if (rank > 1 || param.kind === "bool") return element("p", { class: "hint" }, `${name}: ${param.type}`);
   if (param.color && n >= 3) {
     const picker = element("input", { type: "color", "data-name": path, "aria-label": path });
     picker.addEventListener("input", () => step(path, [...fromHex(picker.value), ...read(path).slice(3)]));
@@ -255,38 +287,42 @@ function leaf(param, name, path) {
     return n === 3 ? line : element("div", {}, line, slider({ ...param, log: false }, name + ".w", path + ".w", [0, 1]));
   }
   const group = element("div", { class: "group" }, element("div", { class: "name", title: param.doc || "" }, name));
-  for (let i = 0; i < n; i++) group.append(slider(param, AXES[i], `${path}.${AXES[i]}`, axisRange(param, i)));
+  const part = { ...param, type: param.kind, shape: [] };
+  for (let i = 0; i < n; i++) {
+    const at = `${path}.${AXES[i]}`;
+    group.append(param.kind === "bool" ? leaf(part, AXES[i], at) : slider(param, AXES[i], at, axisRange(param, i)));
+  }
   return group;
 }
 function one(param, name, path) {
+  if (arrayRank(param)) return many(param, name, path);
   if (param.kind !== "struct") return leaf(param, name, path);
   const group = element("div", { class: "group" }, element("div", { class: "name", title: param.doc || "" }, name));
-  for (const f of param.fields) group.append(arrayRank(f) ? element("p", { class: "hint" }, `${f.name}: ${f.type}`) : one(f, f.name, `${path}.${f.name}`));
+  for (const f of param.fields) group.append(one(f, f.name, `${path}.${f.name}`));
   return group;
 }
 /* An array shows one element, which is chosen. */
-function many(param) {
-  const holder = element("div", { class: "group", "data-array": param.name }), n = param.shape[0], at = chosen[param.name] = Math.min(chosen[param.name] || 0, n - 1);
-  const number = element("input", { type: "number", min: 0, max: n - 1, value: at, "data-element": param.name, "aria-label": `element of ${param.name}` });
-  number.addEventListener("change", () => choose(param.name, +number.value));
-  const shown = one({ ...param, shape: param.shape.slice(1) }, `${param.name}[${at}]`, `${param.name}[${at}]`);
-  holder.append(row(`${param.name} (${n})`, param.doc, number));
-  if (param.kind === "struct") holder.append(...[...shown.children].slice(1));
+function many(param, name, path) {
+  const holder = element("div", { class: "group", "data-array": path }), n = param.shape[0], at = chosen[path] = Math.min(chosen[path] || 0, n - 1);
+  const number = element("input", { type: "number", min: 0, max: n - 1, value: at, "data-element": path, "aria-label": `element of ${path}` });
+  number.addEventListener("change", () => choose(path, +number.value));
+  const inner = { ...param, shape: param.shape.slice(1) }, shown = one(inner, `${name}[${at}]`, `${path}[${at}]`);
+  holder.append(row(`${name} (${n})`, param.doc, number));
+  if (param.kind === "struct" && !arrayRank(inner)) holder.append(...[...shown.children].slice(1));
   else holder.append(shown);
   return holder;
 }
 function choose(array, index) {
   chosen[array] = Math.max(0, Math.round(index) || 0);
   build();
+  listComponents();
 }
 function build() {
   controls = [];
   const list = $("controls");
   list.replaceChildren();
   for (const p of program.parameters) {
-    const told = read(p.name) !== undefined && p.numbers > 0, rank = arrayRank(p);
-    if (told && !rank) list.append(one(p, p.name, p.name));
-    else if (told && rank === 1) list.append(many(p));
+    if (read(p.name) !== undefined && p.numbers > 0) list.append(one(p, p.name, p.name));
     else list.append(element("p", { class: "hint" }, `${p.name}: ${p.type}, ${p.numbers} numbers`));
   }
   if (!program.parameters.length) list.append(element("p", { class: "hint" }, "The shader has no parameters."));
@@ -299,17 +335,21 @@ function refresh() {
 
 /* The components that a derivative may be of: those that are told, of arrays the chosen element. */
 function components(param, path) {
-  if (!param.differentiable || arrayRank(param) > 1 || param.kind === "bool" || param.kind === "int" || param.kind === "uint") return [];
-  if (arrayRank(param) === 1) return components({ ...param, shape: param.shape.slice(1) }, `${path}[${chosen[param.name] || 0}]`);
-  if (param.kind === "struct") return param.fields.filter(f => !arrayRank(f)).flatMap(f => components({ ...f, differentiable: f.kind === "float" || f.kind === "struct" }, `${path}.${f.name}`));
+  if (!param.differentiable || param.kind === "bool" || param.kind === "int" || param.kind === "uint") return [];
+  if (arrayRank(param)) return components({ ...param, shape: param.shape.slice(1) }, `${path}[${Math.min(chosen[path] || 0, param.shape[0] - 1)}]`);
+  if (param.kind === "struct") return param.fields.flatMap(f => components({ ...f, differentiable: f.kind === "float" || f.kind === "struct" }, `${path}.${f.name}`));
   const rank = vectorRank(param);
-  return rank > 1 ? [] : rank ? AXES.slice(0, param.shape[0]).map(a => `${path}.${a}`) : [path];
+  if (rank > 1) return [...Array(param.shape[0]).keys()].flatMap(i => components({ ...param, type: param.kind + param.shape[1], shape: param.shape.slice(1) }, `${path}[${i}]`));
+  return rank ? AXES.slice(0, param.shape[0]).map(a => `${path}.${a}`) : [path];
 }
 function listComponents() {
   const select = $("component"), before = select.value, fit = $("fit-parameters"), fitBefore = fit.value;
   const all = program.parameters.filter(p => read(p.name) !== undefined).flatMap(p => components(p, p.name));
   select.replaceChildren(element("option", { value: "" }, "none"), ...all.map(name => element("option", { value: name }, name)));
-  if (all.includes(before)) select.value = before;
+  /* Of another element of an array the same field. */
+  const field = name => name.replace(/\[\d+\]/g, "[]"), same = all.includes(before) ? before : all.find(name => field(name) === field(before));
+  if (same) select.value = same;
+  if (before && select.value !== before) show();
   const names = program.parameters.filter(p => p.differentiable && p.numbers).map(p => p.name);
   fit.replaceChildren(element("option", { value: "" }, "all"), ...names.map(name => element("option", { value: name }, name)));
   if (names.includes(fitBefore)) fit.value = fitBefore;
@@ -319,11 +359,10 @@ function listComponents() {
 const toFrame = p => [(p[0] - program.lo[0]) / (program.hi[0] - program.lo[0]), program.dim > 1 ? (program.hi[1] - p[1]) / (program.hi[1] - program.lo[1]) : 0.5];
 const toDomain = (u, v) => [program.lo[0] + u * (program.hi[0] - program.lo[0]), program.dim > 1 ? program.hi[1] - v * (program.hi[1] - program.lo[1]) : 0];
 function pointPaths(param, path) {
-  if (arrayRank(param) === 1) {
+  if (arrayRank(param)) {
     const inner = { ...param, shape: param.shape.slice(1) };
     return param.shape[0] > POINTS ? [] : [...Array(param.shape[0]).keys()].flatMap(i => pointPaths(inner, `${path}[${i}]`));
   }
-  if (arrayRank(param)) return [];
   if (param.kind === "struct") return param.fields.flatMap(f => pointPaths(f, `${path}.${f.name}`));
   return isPoint(param) ? [path] : [];
 }
@@ -344,7 +383,7 @@ function drawPoints() {
   if (!program) return;
   const box = $("frame").getBoundingClientRect(), svg = $("points");
   for (const { circle, path } of handles) {
-    const [u, v] = toFrame(read(path)), index = path.match(/^(\w+)\[(\d+)\]/);
+    const [u, v] = toFrame(read(path)), index = path.match(/^([\w.]+?)\[(\d+)\]/);
     circle.setAttribute("cx", u * box.width);
     circle.setAttribute("cy", v * box.height);
     circle.classList.toggle("chosen", !!index && chosen[index[1]] === +index[2]);
@@ -359,7 +398,7 @@ function drawPoints() {
 function dragPoint(e, circle, path) {
   e.preventDefault();
   e.stopPropagation();
-  const index = path.match(/^(\w+)\[(\d+)\]/);
+  const index = path.match(/^([\w.]+?)\[(\d+)\]/);
   if (index && chosen[index[1]] !== +index[2]) { chosen[index[1]] = +index[2]; build(); listComponents(); }
   circle.setPointerCapture(e.pointerId);
   const move = m => {
@@ -376,13 +415,10 @@ function dragPoint(e, circle, path) {
 }
 
 /* ---- the story of a point */
-async function inspect(e) {
+async function inspect(u, v) {
   if (!program) return;
-  const box = $("frame").getBoundingClientRect(), at = toDomain((e.clientX - box.left) / box.width, (e.clientY - box.top) / box.height).slice(0, program.dim);
-  if (program.dim === 3) {
-    const v = toDomain((e.clientX - box.left) / box.width, (e.clientY - box.top) / box.height);
-    at[0] = v[0], at[1] = v[1], at[2] = program.lo[2] + (state.slice + 0.5) * (program.hi[2] - program.lo[2]) / state.size[2];
-  }
+  const at = toDomain(u, v).slice(0, program.dim);
+  if (program.dim === 3) at[2] = program.lo[2] + (state.slice + 0.5) * (program.hi[2] - program.lo[2]) / state.size[2];
   try {
     tell(await (await ask(`/point?at=${at.join(",")}`)).json());
   } catch (error) { $("point").replaceChildren(element("p", { class: "hint" }, error.message)); }
@@ -526,12 +562,19 @@ async function takeState() {
 function listen() {
   const events = new EventSource(`/events?token=${token}`);
   events.addEventListener("program", () => takeState().catch(gone));
-  events.addEventListener("values", e => {
-    const told = JSON.parse(e.data);
-    if (!program || Object.keys(pending).length || told.version <= drawn || performance.now() - lastStep < 100) return;
+  /* What somebody else sets waits until nothing moves here. */
+  let told = null, later = 0;
+  const take = () => {
+    later = 0;
+    if (!told || !program || told.version < drawn) return;
+    if (!state.fit.running && (running || performance.now() - lastStep < 100)) { later = setTimeout(take, 50); return; }
     values = told.values;
     refresh();
-    show();
+    if (told.version > drawn) show();
+  };
+  events.addEventListener("values", e => {
+    told = JSON.parse(e.data);
+    if (!later) take();
   });
   events.addEventListener("fit", e => { if (state) takeFit(JSON.parse(e.data)); });
   events.onerror = gone;
@@ -543,7 +586,17 @@ function gone() {
   $("status").textContent = token ? "the viewer does not answer" : "the address lacks its token";
 }
 
-$("image").addEventListener("click", inspect);
+$("image").addEventListener("click", e => {
+  const box = $("frame").getBoundingClientRect();
+  inspect((e.clientX - box.left) / box.width, (e.clientY - box.top) / box.height);
+});
+$("image").addEventListener("keydown", e => {
+  const way = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1], Enter: [0, 0] }[e.key];
+  if (!way || !program) return;
+  e.preventDefault();
+  const at = asked ? toFrame(asked) : [0.5, 0.5], far = e.shiftKey ? 10 : 1, clamp = x => Math.min(1, Math.max(0, x));
+  inspect(clamp(at[0] + far * way[0] / state.size[0]), clamp(at[1] + far * way[1] / state.size[1]));
+});
 $("image").addEventListener("pointermove", e => {
   if (!program) return;
   const box = $("frame").getBoundingClientRect();

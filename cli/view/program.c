@@ -293,6 +293,8 @@ SltStatus shown_gradient(Shown *s, const SltJob *job, const char *component, flo
     SltParam q = SLT_PARAM_INIT;
     SltStatus status = slt_param_find(s->p, component, &q, err);
     if (status != SLT_OK) return status;
+    if (q.kind != SLT_KIND_FLOAT && q.kind != SLT_KIND_STRUCT)
+        return status_fail(err, SLT_USAGE, "`%s` is no float: it has no derivative", component);
     if (q.fcount != 1 || q.icount)
         return status_fail(err, SLT_USAGE, "`%s` is %u numbers: name one of them", component, q.fcount + q.icount);
     status = shown_choose(s, component, err);

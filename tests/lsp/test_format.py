@@ -112,6 +112,14 @@ class Format(Case):
         self.assertEqual(AFTER, self.format(BEFORE))
         self.assertEqual(AFTER, self.format(AFTER))
 
+    def test_signs_choices_and_statements_on_one_line(self):
+        for before, after in [("return - -x - - -y;", "return - -x - - -y;"), ("return + +x+-y;", "return + +x + -y;"), ("x=- --x;", "x = - --x;"), ("return !!(x<y)?-1.0:+1.0;", "return !!(x < y) ? -1.0 : +1.0;"),
+                              ("return x<0.0?1.0:x<1.0?y:(float)x;", "return x < 0.0 ? 1.0 : x < 1.0 ? y : (float)x;"), ("if(x<y)return x;", "if (x < y) return x;"), ("if(x<y)++x;else x--;", "if (x < y) ++x; else x--;"),
+                              ("for(int i=0;i<3;i++)x+=y;", "for (int i = 0; i < 3; i++) x += y;"), ("switch(1){case 1:x=y;}", "switch (1) { case 1: x = y; }")]:
+            wrap = "float f(float x, float y) {\n    %s\n}\n"
+            self.assertEqual(wrap % after, self.format(wrap % before))
+            self.assertEqual(wrap % after, self.format(wrap % after))
+
     def test_line_ends_and_marks_stay(self):
         got = self.format("float f(){\r\nreturn 1.0;\r\n}\r\n")
         self.assertEqual("float f() {\r\n    return 1.0;\r\n}\r\n", got)

@@ -132,6 +132,20 @@ class Jobs(Case):
         self.assertEqual([], s.diagnostics(uri))
         self.assertEqual(0, s.shutdown())
 
+    def test_answers_come_about_as_they_were_asked(self):
+        """What takes longer may come later; what is ready together comes in order (it came last first)."""
+        s = self.server()
+        uri = s.open("/x/a.salt", GOOD)
+        asked, got = [], []
+        for i in range(100):
+            s.change(uri, GOOD + "//%d" % i)
+            asked.append(s.request("textDocument/hover", {"textDocument": {"uri": uri}, "position": {"line": 0, "character": 37}}))
+        while len(got) < len(asked):
+            m = s.read()
+            got += [m["id"]] if "id" in m and "method" not in m else []
+        self.assertEqual(sorted(got), asked)
+        self.assertLess(sum(b < a for a, b in zip(got, got[1:])), 40)
+
     def test_a_request_can_be_cancelled(self):
         s = self.server()
         uri = self.slow(s)

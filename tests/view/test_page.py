@@ -18,6 +18,20 @@ param bool on = true;
     return c;
 }
 """
+KINDS = """
+import m;
+struct S { float list[2]; };
+param float2x2 turn = float2x2(1.0, 0.0, 0.0, 1.0);
+param bool2 both = bool2(true, false);
+param float table[2][3] = { { 1.0, 2.0, 3.0 }, { 4.0, 5.0, 6.0 } };
+param S s = { { 1.0, 2.0 } };
+param uint seed = 4000000000;
+param int whole = 3;
+param float k = 1.0;
+shader float main(float2 x) {
+    return gain * (turn * x).x + at[1].x + (both.x ? table[0][0] : 0.0) + s.list[0] + float(seed) * 1e-12 + float(whole) * 1e-9 + 0.0 * k;
+}
+"""
 
 
 @unittest.skipUnless(CHROMIUM, "chromium is not installed")
@@ -81,6 +95,61 @@ class Page(Case):
         b.wait("document.body.dataset.busy === '0'")
         self.assertEqual(self.pixel(b, 0.5, 0.18)[:3], [0, 0, 0])
         self.assertEqual(b.errors, [])
+
+    def test_every_number_has_a_control(self):
+        self.put("m.salt", "param float gain = 0.25;\nparam float2 at[2] = { float2(0.1), float2(0.6) };\n")
+        v, b = self.open("--size", 32, source=KINDS)
+        names = b.run("Array.from(document.querySelectorAll('[data-name]')).map(e => e.dataset.name)")
+        for name in ("m.gain", "m.at[0].x", "turn[0].x", "turn[1].y", "both.x", "both.y", "table[0][0]", "s.list[0]", "seed"):
+            self.assertIn(name, names)
+        self.assertEqual(b.run("Array.from(document.querySelectorAll('input, select, button')).filter(e => !e.labels.length && !e.ariaLabel && !e.textContent.trim()).length"), 0)
+        self.put_value(b, "m.gain", 0.5)
+        self.put_value(b, "turn[1].y", 0.5, "change", "data-number")
+        self.put_value(b, "table", 1, "change", "data-element")
+        self.put_value(b, "table[1]", 2, "change", "data-element")
+        self.put_value(b, "table[1][2]", 7, "change", "data-number")
+        b.run("document.querySelector('[data-name=\"both.y\"]').click()")
+        b.wait("document.body.dataset.busy === '0'")
+        values = v.state["values"]
+        self.assertEqual((values["m.gain"], values["turn"], values["table"][1], values["both"]), (0.5, [[1, 0], [0, 0.5]], [4, 5, 7], [True, True]))
+        self.assertEqual(b.errors, [])
+
+    def test_numbers_at_their_ends(self):
+        self.put("m.salt", "param float gain = 0.25;\nparam float2 at[2] = { float2(0.1), float2(0.6) };\n")
+        v, b = self.open("--size", 32, source=KINDS)
+        number = lambda name: b.run("document.querySelector('[data-number=\"%s\"]').value" % name)
+        b.run("(()=>{const e=document.querySelector('[data-name=\"seed\"]');e.value=e.max;e.dispatchEvent(new Event('input'))})()")
+        for name, typed, stays in (("k", "1e30", "1e+30"), ("k", "1e39", "1e+30"), ("k", "", "1e+30"), ("seed", "-1", "0"), ("whole", "3e9", "2147483647"), ("whole", "1.5", "2")):
+            self.put_value(b, name, typed, "change", "data-number")
+            b.wait("document.body.dataset.busy === '0'")
+            self.assertEqual(float(number(name)), float(stays), typed)
+            self.assertEqual(v.state["values"][name], float(stays))
+        self.put_value(b, "seed", 4294967295, "change", "data-number")
+        b.wait("document.body.dataset.busy === '0'")
+        self.assertEqual(v.state["values"]["seed"], 4294967295)
+        self.assertTrue(b.run("Array.from(document.querySelectorAll('input[type=number]')).every(e => e.scrollWidth <= e.clientWidth)"))
+        # What was refused is not what is shown.
+        self.assertIn("single precision", b.run("(()=>{document.querySelector('[data-number=\"k\"]').value='1e39';document.querySelector('[data-number=\"k\"]').dispatchEvent(new Event('change'));return new Promise(r=>setInterval(()=>document.body.dataset.busy==='0'&&r(document.getElementById('where').textContent),5))})()"))
+
+    def test_the_derivative_follows_the_chosen_element(self):
+        v, b = self.open("--size", 32, source=ARRAY)
+        b.run("(()=>{const e=document.getElementById('component');e.value='discs[0].radius';e.dispatchEvent(new Event('change'))})()")
+        b.wait("document.body.dataset.gradient")
+        self.put_value(b, "discs", 2, "change", "data-element")
+        b.wait("document.body.dataset.busy === '0' && document.body.dataset.gradient")
+        self.assertEqual(b.run("document.getElementById('component').value"), "discs[2].radius")
+        self.assertEqual(self.pixel(b, 0.25, 0.5, "overlay")[3], 0)
+        self.assertEqual(b.errors, [])
+
+    def test_points_by_keys(self):
+        v, b = self.open("--size", 64)
+        b.run("document.getElementById('image').focus()")
+        for key, moved in (("Enter", [0, 0]), ("ArrowRight", [2 / 64, 0]), ("ArrowUp", [2 / 64, 2 / 64])):
+            b.run("document.getElementById('point').replaceChildren()")
+            b.call("Input.dispatchKeyEvent", type="keyDown", key=key)
+            b.wait("document.querySelector('#point table')")
+            told = [float(x) for x in b.run("document.querySelector('#point td.number').textContent").split(",")]
+            self.assertTrue(all(abs(x - y) < 1e-4 for x, y in zip(told, moved)), told)
 
     def test_derivatives_points_and_cells(self):
         v, b = self.open("--size", 64)

@@ -105,6 +105,16 @@ class Images(Case):
         self.run_cli("render", "a.salt", "--size", 16, "--params", "saved.json", "--format", "rgba8", "-o", "a.raw")
         self.assertEqual(v.get("/image?draft=1").body, self.get("a.raw"))
 
+    def test_numbers_that_are_refused(self):
+        v = self.view("--size", 8, source=ARRAY)
+        for name, value in (("paper", "[1e39, 0, 0]"), ("discs[0].radius", "-1e39"), ("paper", "NaN"), ("mode", "2147483648")):
+            self.assertIn(v.post("/params", '{"params": {"%s": %s}}' % (name, value)).status, (400, 422), name)
+        self.assertEqual((v.state["values"]["paper"], v.state["values"]["discs"][0]["radius"]), ([0.5, 0.25, 1], 0.1))
+        self.assertIn("no float", v.get("/gradient?component=mode").json["error"])
+        v = self.view("--size", 8, "--precision", "f64")
+        self.assertEqual(v.post("/params", {"params": {"ink": 1e39}}).status, 200)
+        self.assertEqual(v.state["values"]["ink"], 1e39)
+
     def test_gradients(self):
         v = self.view("--size", 64, "--spp", 16)
         g = floats(v.get("/gradient?component=radius&format=f32").body)
@@ -206,6 +216,30 @@ class Follows(Case):
         self.save("float tone() { return 0.75; }", "lib/tone.salt")
         v.wait(lambda s: s["status"] == "ready")
         self.assertEqual(floats(v.get("/image?format=f32").body)[0], 0.75)
+
+    def test_what_the_system_does_not_tell_of(self):
+        """A file that goes, one that a link takes the place of, a folder that is moved and made anew."""
+        os.mkdir(self.path("sub"))
+        self.put("sub/a.salt", CIRCLE)
+        v = Viewer(self, "sub/a.salt", "--size", 8)
+        self.viewers.append(v)
+        v.wait(lambda s: s["status"] == "ready")
+        paper = lambda: floats(v.get("/image?format=f32").body)[0]
+        until = lambda value: v.wait(lambda s: s["status"] == "ready" and paper() == value)
+        until(0.25)
+        os.remove(self.path("sub/a.salt"))
+        self.assertIn("sub/a.salt", v.wait(lambda s: s["status"] == "error")["message"])
+        self.assertEqual(paper(), 0.25)
+        self.put("other.salt", CIRCLE.replace("0.25", "0.5"))
+        os.symlink("../other.salt", self.path("sub/a.salt"))
+        until(0.5)
+        os.rename(self.path("sub"), self.path("moved"))
+        v.wait(lambda s: s["status"] == "error")
+        os.mkdir(self.path("sub"))
+        self.put("sub/a.salt", CIRCLE.replace("0.25", "0.75"))
+        until(0.75)
+        self.save(CIRCLE.replace("0.25", "0.125"), "sub/a.salt")
+        until(0.125)
 
     def test_links(self):
         os.mkdir(self.path("real"))
