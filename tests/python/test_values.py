@@ -338,6 +338,25 @@ class Lengths(Case):
             self.same(p["xs"], [1, 2])
             self.assertEqual(p.params.info("xs").type, "float[2]")
 
+    def test_pictures_have_the_size_of_arrays(self):
+        h, colour = np.random.default_rng(1).random((7, 9)), [[[1, 2, 3, 4], [5, 6, 7, 8]]]
+        source = """param heightfield h = zeros(4, 4); param texture2D t = zeros(2, 2, 3); param texture3D v = zeros(2, 2, 2, 1);
+shader float main(float2 x) { return h.height(x) + t.sample(x).x + v.sample(float3(x, 0.5)).x; }"""
+        for form in (h, h[::-1, ::-1][::-1, ::-1], h.tolist(), np.asfortranarray(h), h[..., None]):
+            self.same(saltus.compile(source, params={"h": form})["h"], h)
+        p = saltus.compile(source, params={"t": colour, "v": np.full((3, 1, 5), 2.0)})
+        self.same(p["t"], colour)
+        self.same(p["v"], np.full((3, 1, 5), 2.0))
+        self.assertEqual(p["h"].shape, (4, 4))
+        self.same(saltus.compile(source, params={"t": [1, 2, 3]})["t"], [[[1, 2, 3]] * 2] * 2)
+        for name, wrong in (("h", [[1, 2]]), ("h", np.zeros((3, 3, 2))), ("t", np.zeros((3, 3, 5))), ("v", np.zeros((3, 3, 0)))):
+            with self.assertRaises((saltus.InputError, saltus.UsageError)):
+                saltus.compile(source, params={name: wrong})
+
+    def test_textures_keep_sizes_of_one(self):
+        p = saltus.compile("param texture2D t = zeros(1, 3, 1); shader float main(float2 x) { return t.sample(x).x; }")
+        self.assertEqual((p["t"].shape, p.params.info("t").shape, p["t[2]"].shape), ((3, 1), (3, 1), (1,)))
+
     def test_open_arrays_from_files(self):
         np.save(self.path("xs.npy"), np.arange(4, dtype=np.float32))
         self.same(saltus.compile(KINDS, params={"xs": "@" + self.path("xs.npy")})["xs"], range(4))

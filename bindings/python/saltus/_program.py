@@ -195,7 +195,8 @@ def compile(source: str | os.PathLike, *, set: Mapping[str, Any] | None = None, 
     """Compiles a shader: a file, or the source itself (a string with a brace, a semicolon or more than one line).
 
     set: values of constants at file scope, ``{"N": 12}`` or ``{"module.N": 12}``
-    params: values of parameters to begin with; arrays and files ("@dem.exr") also decide the length of open arrays
+    params: values of parameters to begin with; arrays and files ("@dem.exr") also decide the length of open arrays, the size
+        of textures and heightfields
     entry: which shader (main, or the only one)
     precision: "f32" or "f64", of ``float``
     language: "salt" or "glsl" (by the file's extension)
@@ -217,7 +218,7 @@ def compile(source: str | os.PathLike, *, set: Mapping[str, Any] | None = None, 
     values = dict(params or {})
     files = {k: v[1:] for k, v in values.items() if isinstance(v, str) and v.startswith("@")}
     options.param_files, options.nparam_files = _point(kept, files)
-    lengths = {k: [0] * n for k, n in ((k, _length(v)) for k, v in values.items()) if n is not None}
+    lengths = {k: n for k, n in ((k, _sizes(v)) for k, v in values.items()) if n is not None}
     options.lengths = json.dumps(lengths).encode() if lengths else None
     folders = [c_path(d) for d in import_dirs]
     array = (ctypes.c_char_p * len(folders))(*folders)
@@ -272,19 +273,22 @@ def _point(kept, pairs):
     return ctypes.addressof(array), n
 
 
-def _length(value) -> int | None:
-    """Of a list, an array, text of a list, or a mapping of fields to such."""
+def _sizes(value) -> list | None:
+    """Of a list, an array, text of a list, or a mapping of fields to such: a list as long, of which the first element is
+    such a list again where that of the value is one."""
     if isinstance(value, str):
         try:
             value = json.loads(value)
         except ValueError:
             return None
     if isinstance(value, Mapping):
-        return max((n for n in map(_length, value.values()) if n is not None), default=None)
+        return max((n for n in map(_sizes, value.values()) if n is not None), key=len, default=None)
     try:
-        return len(value)
+        n = len(value)
     except TypeError:
         return None
+    first = _sizes(value[0]) if n and hasattr(value, "__getitem__") else None
+    return [0 if first is None else first] * min(n, 1) + [0] * (n - 1)
 
 
 def _diagnostics(handle, first=0) -> list[Diagnostic]:

@@ -183,6 +183,8 @@ def assign(view, value, name: str):
         limits = np.iinfo(view.dtype)
         if given.min() < limits.min or given.max() > limits.max:
             raise UsageError(f"{name}: integers here are from {limits.min} to {limits.max}")
+    if given.shape == (*view.shape, 1):
+        given = given[..., 0]  # a picture of one channel is a texture, a heightfield or an array of numbers
     try:
         view[...] = given
     except ValueError:
