@@ -100,6 +100,8 @@ class Shapes(ProgramCase):
 
     def test_html(self):
         html = self.p.params._repr_html_()
+        self.assertEqual(html.count("<th>"), 5)
+        self.assertIn("<td>3 x 5 x 3, 0 to 0</td>", html)  # a texture is no page of numbers
         self.assertIn("<td>ink</td><td>float3</td>", html)
         self.assertIn("how long", html)
 
@@ -163,6 +165,15 @@ class Writing(ProgramCase):
         self.same(discs.inner.k, 11)
         discs[1:].radius[:] = 0
         self.same(discs.radius, [4, 0, 0])
+
+    def test_unknown_names_are_both_errors(self):
+        for look, said in ((lambda: self.p["disc"], "did you mean `discs`?"), (lambda: self.p["discs"]["centr"], "did you mean `centre`?")):
+            for kind in (KeyError, saltus.UsageError):
+                with self.assertRaises(kind) as caught:
+                    look()
+                self.assertEqual(str(caught.exception).count("there is no"), 1)
+                self.assertTrue(str(caught.exception).endswith(said))
+        self.assertIsNone(self.p.params.get("disc"))
 
     def test_floats_that_are_whole(self):
         self.p["n"] = 2.0
