@@ -102,6 +102,12 @@ class Losses(FitCase):
         error = self.refused("fit failed", self.p.fit, self.target, loss=lambda i, t: (float("nan"), i), iters=30, kind=saltus.CheckFailed)
         self.assertEqual(error.status, 1)
 
+    def test_starts_that_are_no_place(self):
+        self.p["discs"].centre[1, 0] = np.inf
+        self.refused("`discs` (number ", self.p.fit, self.target, iters=2)
+        p = saltus.compile("[Log] param float a = 1.0; shader float main(float2 x) { return a; }", params={"a": -1})
+        self.refused("`a` is [Log] and starts at -1", p.fit, np.zeros((4, 4, 1)))
+
     def test_masks(self):
         mask = np.random.default_rng(2).random(self.target.shape[:2])
         losses = [self.p.loss(self.target, mask=m)[0] for m in (mask, mask[..., None], np.repeat(mask[..., None], 3, 2))]
