@@ -229,7 +229,7 @@ bool api_looks_like_glsl(const char *text);
 /* The files that declarations name as values; the front end asks for their dimensions by api_probe_asset. */
 SltStatus api_load_assets(SltProgram *p, SltError *err);
 AssetProbe api_probe_asset;
-OpenLength api_open_length; /* of opt.lengths */
+GivenSizes api_given_sizes; /* of opt.lengths */
 
 /* ---- kernels.c: facts of the program */
 uint64_t api_event_bound(const SltProgram *p);                /* the most events that one sample may meet */

@@ -186,6 +186,24 @@ static SltStatus read_limits(const SltFit *f, double *lo, double *hi, uint8_t *l
     return SLT_OK;
 }
 
+/* The optimiser would refuse these by number: here they have names. */
+static SltStatus check_start(const SltFit *f, const double *start, const double *lo, const double *hi,
+                             const uint8_t *log, SltError *err) {
+    for (uint32_t i = 0; i < f->n; i++) {
+        double at = isfinite(start[i]) ? fmin(fmax(start[i], lo[i]), hi[i]) : start[i];
+        if (isfinite(at) && (!log[i] || at > 0)) continue;
+        const Param *q = f->p->prog->params;
+        while (f->index[i] < q->fbase || f->index[i] >= q->fbase + q->fcount) q++;
+        char which[48] = "";
+        if (q->fcount > 1) snprintf(which, sizeof which, " (number %u of %u)", f->index[i] - q->fbase + 1, q->fcount);
+        if (isfinite(at))
+            return status_fail(err, SLT_USAGE, "`%s`%s is [Log] and starts at %g: a fit begins above 0", q->name, which,
+                               at);
+        return status_fail(err, SLT_USAGE, "`%s`%s starts at %g: a fit begins at finite values", q->name, which, at);
+    }
+    return SLT_OK;
+}
+
 SltStatus fit_make_optimiser(SltFit *f, SltError *err) {
     const SltFitOptions *o = &f->opt;
     size_t n = f->n;
@@ -199,6 +217,7 @@ SltStatus fit_make_optimiser(SltFit *f, SltError *err) {
         rate[i] = optimise_rate(f->method);
     }
     if (status == SLT_OK) status = read_limits(f, lo, hi, log, err);
+    if (status == SLT_OK) status = check_start(f, start, lo, hi, log, err);
     for (uint32_t k = 0; status == SLT_OK && k < o->nrates; k++) status = set_rate(f, &o->rates[k], rate, err);
     for (uint32_t k = 0; status == SLT_OK && k < o->nrate_masks; k++)
         status = apply_mask(f, &o->rate_masks[k], rate, err);

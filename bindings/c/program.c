@@ -186,7 +186,7 @@ static void compile_body(Session *s, void *arg) {
                                    .glsl = glsl,
                                    .size = {p->opt.size[0], p->opt.size[1]},
                                    .probe = api_probe_asset,
-                                   .length = p->opt.lengths ? api_open_length : NULL,
+                                   .given = p->opt.lengths ? api_given_sizes : NULL,
                                    .probe_user = p},
                          .precision = p->opt.f64 ? PREC_F64 : PREC_F32,
                          .seed = p->opt.seed};
@@ -305,7 +305,7 @@ SltStatus api_compile_resized(const SltProgram *p, const char *lengths, SltProgr
     SltOptions opt = p->opt;
     SltSet *files = malloc((opt.nparam_files + 1) * sizeof *files);
     uint32_t n = 0;
-    uint64_t ignored;
+    uint64_t ignored[1];
     *out = NULL;
     if (!files) return SLT_LIMIT;
     /* A file says the length no more where the values do. */
@@ -315,7 +315,7 @@ SltStatus api_compile_resized(const SltProgram *p, const char *lengths, SltProgr
             const Symbol *sym = p->prog->params[i].sym;
             open |= !strcmp(p->prog->params[i].name, opt.param_files[k].name) && sym->open;
         }
-        if (!open || !plain_length(lengths, opt.param_files[k].name, &ignored)) files[n++] = opt.param_files[k];
+        if (!open || !plain_sizes(lengths, opt.param_files[k].name, 1, ignored)) files[n++] = opt.param_files[k];
     }
     opt.param_files = files, opt.nparam_files = n;
     opt.lengths = lengths, opt.entry = p->prog->entry;

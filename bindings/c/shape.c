@@ -10,19 +10,13 @@ static void add_dimension(SltParam *out, uint32_t n) {
     else out->shape[SLT_MAX_RANK - 1] *= n;
 }
 
-/* The part of a texture that `out` is follows from its count of numbers: all, a slice, a row, a texel or a channel. */
-static void describe_texels(const Param *q, SltParam *out) {
-    uint32_t n[4], dims = param_texel_sizes(q, n), count = q->fcount;
-    out->kind = SLT_KIND_FLOAT, out->fstride = 1;
-    for (uint32_t k = 0; k < dims; count /= n[k++])
-        if (out->fcount >= count && count > 1) add_dimension(out, n[k]);
-}
-
-void shape_describe(const Param *q, const Type *t, SltParam *out) {
+void shape_describe(const Param *q, const Type *t, uint32_t within, SltParam *out) {
     out->rank = out->nfields = out->fstride = out->istride = 0, out->layout = NULL;
     memset(out->shape, 0, sizeof out->shape);
     if (param_is_image(q)) {
-        describe_texels(q, out);
+        uint32_t n[4], dims = param_texel_sizes(q, n);
+        out->kind = SLT_KIND_FLOAT, out->fstride = 1;
+        for (uint32_t k = within; k < dims; k++) add_dimension(out, n[k]);
         return;
     }
     uint32_t elements = 1;
@@ -71,7 +65,7 @@ void shape_field(SltParam *q, uint32_t index) {
     }
     q->name = field->name, q->type = field->type->name;
     q->differentiable &= q->fcount > 0;
-    shape_describe(&plain, field->type, q);
+    shape_describe(&plain, field->type, 0, q);
 }
 
 /* ---- as JSON */

@@ -15,8 +15,9 @@ typedef struct ShapeCursor {
 /* Writes one scalar; index: its place in the vector of its kind. */
 typedef void ShapeLeaf(void *user, FILE *out, TypeKind kind, uint32_t index);
 
-/* Sets kind, rank, shape, strides and layout of `out`, whose place in the parameter q is set, for a value of type t. */
-void shape_describe(const Param *q, const Type *t, SltParam *out);
+/* Sets kind, rank, shape, strides and layout of `out`, whose place in the parameter q is set, for a value of type t.
+ * within: of a texture, how many indices name the part. */
+void shape_describe(const Param *q, const Type *t, uint32_t within, SltParam *out);
 void shape_field(SltParam *q, uint32_t index); /* q becomes that field of its first struct */
 
 /* Writes a value of type t, and moves the cursor over all its scalars. With floats_only integers and bools are left out

@@ -55,7 +55,7 @@ static void describe(const Param *q, SltParam *out) {
                       .tex_h = q->tex_h,
                       .tex_c = q->tex_c,
                       .tex_d = q->tex_d};
-    shape_describe(q, q->type, out);
+    shape_describe(q, q->type, 0, out);
 }
 
 const int32_t *slt_mesh(const SltProgram *p, uint32_t index, uint32_t *nfaces, bool *has_uv) {
@@ -125,7 +125,9 @@ static SltStatus find(const SltProgram *p, const char *name, SltParam *out, SltE
     out->name = name;
     out->type = ref.type ? ref.type->name : out->type;
     out->fbase = ref.fbase, out->fcount = ref.fcount, out->ibase = ref.ibase, out->icount = ref.icount;
-    shape_describe(ref.param, ref.type, out);
+    uint32_t within = 0; /* a slice, a row, a texel: as many as there are indices, and a channel may have a letter */
+    for (const char *c = name + strlen(ref.param->name); *c; c++) within += *c == '[' || *c == '.';
+    shape_describe(ref.param, ref.type, within, out);
     return SLT_OK;
 }
 

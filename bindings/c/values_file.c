@@ -189,12 +189,14 @@ static bool allows_stack(const SltProgram *p, const char *path, const Symbol *of
     return !own || volume_each(path, allow_slice, (void *)p->session->sandbox, err) == SLT_OK;
 }
 
-bool api_open_length(void *user, const char *name, uint64_t *n) {
+uint32_t api_given_sizes(void *user, const char *name, uint32_t most, uint64_t *sizes) {
     SltProgram *p = user;
-    if (!p->opt.lengths || !plain_length(p->opt.lengths, name, n)) return false;
+    uint32_t n = p->opt.lengths ? plain_sizes(p->opt.lengths, name, most, sizes) : 0;
+    if (!n) return 0;
     /* Another entry of the source may be compiled later on. */
     if (!p->has_lengths) p->opt.lengths = arena_strndup(&p->session->session, p->opt.lengths, strlen(p->opt.lengths));
-    return p->has_lengths = true;
+    p->has_lengths = true;
+    return n;
 }
 
 /* The dimensions of an asset, for the front end; *why on failure. */

@@ -135,25 +135,30 @@ static void skip_value(Plain *r) {
     }
 }
 
-bool plain_length(const char *text, const char *name, uint64_t *n) {
+/* Behind the bracket that begins a list: its size and those of its first elements. 0: it does not end. */
+static uint32_t take_sizes(Plain *r, uint32_t most, uint64_t *sizes) {
+    uint32_t inner = 0;
+    *sizes = 0;
+    if (take(r, ']')) return 1;
+    do {
+        Plain first = *r;
+        if (!*sizes && most > 1 && take(&first, '[')) inner = take_sizes(&first, most - 1, sizes + 1);
+        ++*sizes, skip_value(r);
+    } while (take(r, ','));
+    return take(r, ']') ? 1 + inner : 0;
+}
+
+uint32_t plain_sizes(const char *text, const char *name, uint32_t most, uint64_t *sizes) {
     Plain r = {.at = text};
-    if (!take(&r, '{')) return false;
+    if (!take(&r, '{')) return 0;
     for (bool first = true; first || take(&r, ','); first = false) {
         skip_blanks(&r);
         const char *here = r.at;
-        bool found = take_name(&r, name) && take(&r, '[');
-        if (!found) {
-            r.at = here;
-            skip_value(&r);
-            continue;
-        }
-        *n = 0;
-        if (take(&r, ']')) return true;
-        do ++*n, skip_value(&r);
-        while (take(&r, ','));
-        return take(&r, ']');
+        if (take_name(&r, name) && take(&r, '[')) return take_sizes(&r, most, sizes);
+        r.at = here;
+        skip_value(&r);
     }
-    return false;
+    return 0;
 }
 
 bool plain_param(const Param *q, const char *text, double *floats, int32_t *ints) {

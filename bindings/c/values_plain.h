@@ -6,9 +6,10 @@
 #include "bindings/c/shape.h"
 
 bool plain_param(const Param *q, const char *text, double *floats, int32_t *ints);
-/* How many elements the list under `name` has in the object that the text is; false: there is no such list. Nothing is
- * checked: whoever reads the values does. */
-bool plain_length(const char *text, const char *name, uint64_t *n);
+/* How many elements the list under `name` has in the object that the text is, how many its first one, and so on while
+ * these are lists, at most `most` sizes. Returns how many; 0: there is no such list. Nothing is checked: whoever reads
+ * the values does. */
+uint32_t plain_sizes(const char *text, const char *name, uint32_t most, uint64_t *sizes);
 bool plain_params(const Program *p, const char *text, double *floats, int32_t *ints);
 
 #endif

@@ -270,7 +270,7 @@ struct Symbol {
     const char *asset; /* = "file", resolved path */
     bool zeros;        /* = zeros(w, h[, d][, channels]) */
     bool open;         /* an array whose first size is `[]` */
-    bool sized;        /* an open array with the length of values that the caller sets; zeros till then */
+    bool sized;        /* an open array or a texture with the size of values that the caller sets; zeros till then */
     uint32_t tex_w, tex_h, tex_d, tex_c; /* of textures and geometries that are grids, known at compile time; tex_d:
                                             slices of a texture3D, else 0 */
     uint32_t nvertices, nfaces, valence; /* of a mesh, known at compile time; valence: most faces of a vertex */
@@ -434,8 +434,9 @@ typedef struct ParamFile {
     bool used;
 } ParamFile;
 
-/* Is there a list under this name among values that the caller is going to set? *n: its elements. */
-typedef bool OpenLength(void *user, const char *name, uint64_t *n);
+/* Of the list under this name among values that the caller is going to set: how many elements it has, how many its
+ * first one, and so on while these are lists, at most `most` sizes. Returns how many; 0: there is no such list. */
+typedef uint32_t GivenSizes(void *user, const char *name, uint32_t most, uint64_t *sizes);
 
 typedef struct FrontOptions {
     const char *entry; /* NULL: main, or the only one */
@@ -443,8 +444,8 @@ typedef struct FrontOptions {
     uint32_t noverrides;
     bool disc_auto; /* --disc=auto */
     AssetProbe *probe;
-    OpenLength *length; /* of open arrays that no file gives; NULL: the source alone says it */
-    void *probe_user;   /* of both */
+    GivenSizes *given; /* of open arrays and textures that no file gives; NULL: the source alone says it */
+    void *probe_user;  /* of both */
     ParamFile *files;
     uint32_t nfiles;
     bool f64;         /* EPSILON is that of binary64 */

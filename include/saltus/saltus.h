@@ -90,7 +90,8 @@ typedef struct SltOptions {
     uint32_t
         size[2]; /* of the image that a GLSL shader is for, columns and rows: its domain and `iResolution`; 0: 512 */
     /* Values that slt_set_params_json will set, as text: an open array without a file in param_files gets the length of
-     * the list that is there under its name. NULL: none. */
+     * the list that is there under its name, a texture or heightfield the size of its rows, whose first one is looked
+     * at. NULL: none. */
     const char *lengths;
 } SltOptions;
 #define SLT_OPTIONS_INIT ((SltOptions){.struct_size = sizeof(SltOptions), .near_miss = -1})

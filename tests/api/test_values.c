@@ -261,8 +261,63 @@ static void lengths(void **state) {
     }
 }
 
+/* Textures have the sizes of rows that are going to be set; what is no rows of texels leaves them as the source says.
+ */
+static void sizes(void **state) {
+    (void)state;
+    static const char source[] = "param texture2D t = zeros(2, 2, 3);\nparam heightfield h = zeros(4, 4);\n"
+                                 "param texture3D v = zeros(2, 2, 2, 1);\nshader float main(float2 x) {\n"
+                                 "    return t.sample(x).x + h.height(x) + v.sample(float3(x, 0.5)).x;\n}\n";
+    static const struct {
+        const char *text, *wrong;
+        uint32_t t[3], h[2], v[4];
+    } rows[] = {{"{}", NULL, {2, 2, 3}, {4, 4}, {2, 2, 2, 1}},
+                {"{\"t\": [[0, 0, 0], 0], \"h\": [[1, 2], [3, 4], [5, 6]]}", NULL, {3, 2, 1}, {2, 3}, {2, 2, 2, 1}},
+                {"{\"t\": [[[0, 0, 0, 0]]], \"v\": [[[0, 0], 0], 0, 0]}", NULL, {1, 1, 4}, {4, 4}, {2, 2, 3, 1}},
+                {"{\"v\": [[[[1, 2]]]], \"t\": [1, 2, 3], \"h\": [1]}", NULL, {2, 2, 3}, {4, 4}, {1, 1, 1, 2}},
+                {"{\"h\": [[1, 2]]}", "2 x 1", {0}, {0}, {0}},
+                {"{\"h\": [[[1, 2], 0], 0]}", "2 channels", {0}, {0}, {0}},
+                {"{\"t\": [[[1, 2, 3, 4, 5]]]}", "5 channels", {0}, {0}, {0}}};
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        SltOptions opt = SLT_OPTIONS_INIT;
+        opt.lengths = rows[i].text;
+        SltProgram *p = NULL;
+        SltStatus status = slt_compile_string(source, NULL, &opt, &p);
+        assert_int_equal(status, rows[i].wrong ? SLT_INPUT : SLT_OK);
+        if (rows[i].wrong) {
+            assert_non_null(strstr(slt_diagnostics_text(p), rows[i].wrong));
+        } else {
+            SltParam t = param(p, "t"), h = param(p, "h"), v = param(p, "v");
+            const uint32_t found[] = {t.tex_w, t.tex_h, t.tex_c, h.tex_w, h.tex_h, v.tex_w, v.tex_h, v.tex_d, v.tex_c};
+            assert_memory_equal(found, rows[i].t, sizeof found);
+        }
+        slt_program_free(p);
+    }
+}
+
+/* A texture has all its sizes, ones too, and a part of it those behind its indices. */
+static void sizes_of_one(void **state) {
+    (void)state;
+    SltProgram *p = compile_with("param texture2D t = zeros(1, 3, 1);\nparam texture3D v = zeros(1, 1, 1, 3);\n"
+                                 "shader float main(float2 x) { return t.sample(x).x + v.sample(float3(x, 0.5)).x; }\n",
+                                 (SltOptions)SLT_OPTIONS_INIT);
+    static const struct {
+        const char *name;
+        uint32_t rank, shape[4];
+    } rows[] = {{"t", 2, {3, 1}},       {"t[1]", 1, {1}},       {"t[1][0]", 0, {0}},      {"v", 4, {1, 1, 1, 3}},
+                {"v[0]", 3, {1, 1, 3}}, {"v[0][0][0]", 1, {3}}, {"v[0][0][0][2]", 0, {0}}};
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        SltParam q = param(p, rows[i].name);
+        if (q.rank != rows[i].rank || memcmp(q.shape, rows[i].shape, q.rank * sizeof *q.shape))
+            fail_msg("%s has %u dimensions, the first of %u", rows[i].name, q.rank, q.shape[0]);
+    }
+    slt_program_free(p);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(readers_agree), cmocka_unit_test(asking_takes_nothing),
-                                       cmocka_unit_test(returns), cmocka_unit_test(comma), cmocka_unit_test(lengths)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(sizes),         cmocka_unit_test(sizes_of_one),
+                                       cmocka_unit_test(readers_agree), cmocka_unit_test(asking_takes_nothing),
+                                       cmocka_unit_test(returns),       cmocka_unit_test(comma),
+                                       cmocka_unit_test(lengths)};
     return cmocka_run_group_tests(tests, scratch_make, scratch_drop);
 }

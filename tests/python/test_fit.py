@@ -92,7 +92,7 @@ class Losses(FitCase):
         self.assertLess(self.p["paper"].max(), 0.1)
 
     def test_bad_functions(self):
-        for said, kind, loss in (("mine", KeyError, lambda i, t: {}["mine"]), ("unpack", TypeError, lambda i, t: 1.0), ("adjoint of the loss", saltus.UsageError, lambda i, t: (1.0, i[0])),
+        for said, kind, loss in (("mine", KeyError, lambda i, t: {}["mine"]), ("a number and the adjoint", saltus.UsageError, lambda i, t: 1.0), ("adjoint of the loss", saltus.UsageError, lambda i, t: (1.0, i[0])),
                                  ("complex", saltus.UsageError, lambda i, t: (1.0, i * 1j)), ("object", saltus.UsageError, lambda i, t: (1.0, None))):
             with self.assertRaisesRegex(kind, said):
                 self.p.fit(self.target, loss=loss, **self.options)
@@ -101,6 +101,17 @@ class Losses(FitCase):
     def test_losses_that_are_no_number(self):
         error = self.refused("fit failed", self.p.fit, self.target, loss=lambda i, t: (float("nan"), i), iters=30, kind=saltus.CheckFailed)
         self.assertEqual(error.status, 1)
+
+    def test_starts_that_are_no_place(self):
+        self.p["discs"].centre[1, 0] = np.inf
+        self.refused("`discs` (number ", self.p.fit, self.target, iters=2)
+        p = saltus.compile("[Log] param float a = 1.0; shader float main(float2 x) { return a; }", params={"a": -1})
+        self.refused("`a` is [Log] and starts at -1", p.fit, np.zeros((4, 4, 1)))
+
+    def test_masks(self):
+        mask = np.random.default_rng(2).random(self.target.shape[:2])
+        losses = [self.p.loss(self.target, mask=m)[0] for m in (mask, mask[..., None], np.repeat(mask[..., None], 3, 2))]
+        self.assertEqual(len(set(losses)), 1)
 
     def test_nothing_to_match(self):
         self.refused("what is to be matched?", self.p.fit)

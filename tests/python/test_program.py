@@ -1,4 +1,6 @@
 """Programs: compiling, estimates to the bit those of the command, arrays of every kind, options, warnings, what goes wrong."""
+import gc
+import pickle
 import threading
 
 from harness import *
@@ -54,6 +56,14 @@ class Compiling(Case):
         self.refused("precision is one of f32, f64", saltus.compile, CIRCLE, precision="f16")
         self.refused("width is from 0 to 64", saltus.compile, CIRCLE, width=65)
         self.assertTrue(issubclass(saltus.UsageError, ValueError))
+
+    def test_sizes_of_glsl(self):
+        source = "void mainImage(out vec4 o, in vec2 f) { o = vec4(f / iResolution.xy, 0.0, 1.0); }"
+        for size, sides in ((8, [8, 8]), ((8, 4), [8, 4])):
+            p = saltus.compile(source, language="glsl", size=size)
+            self.same(p.domain[1], sides)
+            self.assertIn(f"--size {sides[0]}x{sides[1]}", " ".join(saltus._command._arguments(p._origin.options)))
+        self.refused("size is one number or 2", saltus.compile, source, language="glsl", size=(1, 2, 3))
 
     def test_nul(self):
         for function in (lambda: saltus.compile(CIRCLE + "\0 lost"), lambda: saltus.compile(CIRCLE, entry="main\0"), lambda: saltus.compile("a\0.salt"),
@@ -375,6 +385,23 @@ class Options(Case):
         self.assertEqual((stats.dropped, stats.warnings), ({}, {}))
         with self.assertRaises(AttributeError):
             stats.nothing
+        self.assertEqual(repr(pickle.loads(pickle.dumps(stats))), repr(stats))
+
+    def test_stats_outlive_their_program(self):
+        p = saltus.compile("param float a = 1.0; shader float main(float2 x) { return a / (x.x - x.x); }", name="n" * 100)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            p.render(4)
+        stats = p.stats
+        del p
+        gc.collect()
+        others = [saltus.compile("shader float main(float2 x) { return x.x; }", name="z" * 100) for _ in range(9)]
+        self.assertIn("n" * 100 + ":1:59", stats.warnings["nonfinite"])
+        self.assertEqual(stats.nonfinite_at, "n" * 100 + ":1:59")
+        self.assertEqual(len(others), 9)
+
+    def test_lines_go_to_functions(self):
+        self.refused("a function or None", self.p.set_print, 3)
 
 
 class Wrt(Case):

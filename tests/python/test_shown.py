@@ -39,6 +39,12 @@ class Plots(Case):
         y = [p[1] for p in other]
         self.assertAlmostEqual((y[1] - y[0]) * 2, y[2] - y[0], delta=0.3)
 
+    def test_words_and_files(self):
+        plot = saltus.plot({"adam": [1, 2], "sgd": [2, 1]})
+        self.assertEqual(repr(plot), "<saltus.Plot of adam, sgd>")
+        with self.assertRaisesRegex(saltus.OutputError, "cannot write"):
+            plot.save("/no/where.svg")
+
     def test_what_cannot_be_drawn_breaks_the_line(self):
         plot = saltus.plot({"a": [1.0, 2.0, np.nan, -1.0, 3.0, 4.0]}, log=True)
         self.assertEqual(len(paths(plot)[0]), 4)

@@ -100,6 +100,8 @@ class Shapes(ProgramCase):
 
     def test_html(self):
         html = self.p.params._repr_html_()
+        self.assertEqual(html.count("<th>"), 5)
+        self.assertIn("<td>3 x 5 x 3, 0 to 0</td>", html)  # a texture is no page of numbers
         self.assertIn("<td>ink</td><td>float3</td>", html)
         self.assertIn("how long", html)
 
@@ -163,6 +165,15 @@ class Writing(ProgramCase):
         self.same(discs.inner.k, 11)
         discs[1:].radius[:] = 0
         self.same(discs.radius, [4, 0, 0])
+
+    def test_unknown_names_are_both_errors(self):
+        for look, said in ((lambda: self.p["disc"], "did you mean `discs`?"), (lambda: self.p["discs"]["centr"], "did you mean `centre`?")):
+            for kind in (KeyError, saltus.UsageError):
+                with self.assertRaises(kind) as caught:
+                    look()
+                self.assertEqual(str(caught.exception).count("there is no"), 1)
+                self.assertTrue(str(caught.exception).endswith(said))
+        self.assertIsNone(self.p.params.get("disc"))
 
     def test_floats_that_are_whole(self):
         self.p["n"] = 2.0
@@ -337,6 +348,25 @@ class Lengths(Case):
             p = saltus.compile(KINDS, params={"xs": given})
             self.same(p["xs"], [1, 2])
             self.assertEqual(p.params.info("xs").type, "float[2]")
+
+    def test_pictures_have_the_size_of_arrays(self):
+        h, colour = np.random.default_rng(1).random((7, 9)), [[[1, 2, 3, 4], [5, 6, 7, 8]]]
+        source = """param heightfield h = zeros(4, 4); param texture2D t = zeros(2, 2, 3); param texture3D v = zeros(2, 2, 2, 1);
+shader float main(float2 x) { return h.height(x) + t.sample(x).x + v.sample(float3(x, 0.5)).x; }"""
+        for form in (h, h[::-1, ::-1][::-1, ::-1], h.tolist(), np.asfortranarray(h), h[..., None]):
+            self.same(saltus.compile(source, params={"h": form})["h"], h)
+        p = saltus.compile(source, params={"t": colour, "v": np.full((3, 1, 5), 2.0)})
+        self.same(p["t"], colour)
+        self.same(p["v"], np.full((3, 1, 5), 2.0))
+        self.assertEqual(p["h"].shape, (4, 4))
+        self.same(saltus.compile(source, params={"t": [1, 2, 3]})["t"], [[[1, 2, 3]] * 2] * 2)
+        for name, wrong in (("h", [[1, 2]]), ("h", np.zeros((3, 3, 2))), ("t", np.zeros((3, 3, 5))), ("v", np.zeros((3, 3, 0)))):
+            with self.assertRaises((saltus.InputError, saltus.UsageError)):
+                saltus.compile(source, params={name: wrong})
+
+    def test_textures_keep_sizes_of_one(self):
+        p = saltus.compile("param texture2D t = zeros(1, 3, 1); shader float main(float2 x) { return t.sample(x).x; }")
+        self.assertEqual((p["t"].shape, p.params.info("t").shape, p["t[2]"].shape), ((3, 1), (3, 1), (1,)))
 
     def test_open_arrays_from_files(self):
         np.save(self.path("xs.npy"), np.arange(4, dtype=np.float32))

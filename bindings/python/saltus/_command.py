@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import tempfile
 from dataclasses import dataclass
+from typing import Any
 
 from . import _abi
 from ._errors import InputError, error_of
@@ -85,7 +86,7 @@ def check(program, options) -> dict:
         if done.returncode == 0:
             return result
         shown = _run("check", program, options, False)
-        error = error_of(done.returncode, shown.stdout + shown.stderr)
+        error: Any = error_of(done.returncode, shown.stdout + shown.stderr)
         error.result = result
         raise error
     raise error_of(done.returncode, _said(done.stderr))

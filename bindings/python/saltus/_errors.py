@@ -2,7 +2,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from . import _abi
 from ._library import text
@@ -31,6 +33,11 @@ class SaltusError(Exception):
 class UsageError(SaltusError, ValueError):
     """Wrong arguments: an unknown entry, constant, parameter or option, a shape that does not fit."""
     status = _abi.SLT_USAGE
+
+
+class UnknownName(UsageError, KeyError):
+    """A name of no parameter or field, looked up."""
+    __str__ = Exception.__str__  # KeyError's puts quotes around it
 
 
 class CompileError(SaltusError):
@@ -70,7 +77,7 @@ class SaltusWarning(UserWarning):
     """What a result does not say: a derivative that misses a part, an estimate that is worse than it seems."""
 
 
-def c_string(value: str, what: str, encode=str.encode) -> bytes:
+def c_string(value, what: str, encode: Callable[[Any], bytes] = str.encode) -> bytes:
     """A string for the library, to which it would end at a NUL character."""
     found = encode(value)
     if b"\0" in found:

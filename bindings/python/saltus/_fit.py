@@ -52,7 +52,7 @@ class FitResult:
     reason: str
     seconds: float
 
-    def _repr_svg_(self):
+    def _repr_svg_(self) -> str | None:
         """The curve of the losses, logarithmic."""
         losses = np.asarray(self.losses)
         if np.count_nonzero(np.isfinite(losses) & (losses > 0)) < 2:
@@ -122,31 +122,9 @@ def _views(p, kept, views, target, mask, size, loss):
     return ctypes.addressof(array), len(made), shape, targets
 
 
-def fit(p: Program, target=None, *, wrt=None, iters: int = 200, lr: float | Mapping[str, float] | None = None,
-        optimizer: str = "adam", mask=None, views: Sequence[Mapping[str, Any]] | None = None, minimize: bool = False,
-        loss: str | Callable = "l2", loss_entry: str | None = None, smooth: Mapping[str, float] | None = None,
-        smooth_faces: Mapping[str, str] | None = None, smooth_grids: Mapping[str, str] | None = None,
-        lr_masks: Mapping[str, Any] | None = None, schedule: str = "constant",
-        callback: Callable[[Iteration], Any] | None = None, progress: bool | None = None, size=None,
-        checkpoint: str | os.PathLike | None = None, every: int = 10, resume: str | os.PathLike | None = None,
-        **options) -> FitResult:
-    """Optimises the parameters of `wrt` (default: all that can be), within [Range], from the values they have.
-
-    target: an image (height, width, channels), any dtype, or a file, which is resized to `size` if that is given
-    views: instead, a list of ``{"target": ..., "mask": ..., "params": {...}, "program": ...}``; a program that draws a
-        view has the fit's values in it, of parameters of the same name, and afterwards its own again
-    minimize: the integral of the entry itself is the loss
-    loss: "l2", "l1", "huber", or a function (image, target) -> (value, adjoint), the adjoint an array like the image
-    lr: a learning rate, or ``{"radius": 0.1, "discs[*].centre": 0.01}``; 0 holds (default 0.01, L-BFGS 0.1)
-    optimizer: "adam", "sgd" or "lbfgs"
-    smooth: Laplacian preconditioning, ``{"h": 20}``
-    callback: called with an `Iteration` behind every evaluation; returning True stops the fit
-    progress: a line with iteration, loss and time left (None: on a terminal and in notebooks)
-    checkpoint, every, resume: the state in a file, to go on from, to the same bits
-
-    Estimating options (spp, seed, threads, estimator, ...) are those of `Program.render`; beta1, beta2, momentum,
-    patience, loss_tolerance, views_per_step, decay and the others of saltus/fit.h go by their names there.
-    Ctrl-C raises KeyboardInterrupt; the program has the best parameters so far, as it has when any error ends a fit."""
+def fit(p: Program, target, *, wrt, iters, lr, optimizer, mask, views, minimize, loss, loss_entry, smooth, smooth_faces,
+        smooth_grids, lr_masks, schedule, callback, progress, size, checkpoint, every, resume, **options) -> FitResult:
+    """`Program.fit`, which has the defaults and says what they mean."""
     own = callable(loss)
     kept: list = []
     o = initial(_abi.SltFitOptions)
@@ -156,7 +134,7 @@ def fit(p: Program, target=None, *, wrt=None, iters: int = 200, lr: float | Mapp
         setattr(o, name, _job.whole(name, options.pop(name), 0, 2 ** 31 - 1))
     o.views, o.nviews, shape, targets = _views(p, kept, views, target, mask, size, own)
     job = _job.make_job(p.dim, tuple(reversed(shape[:-1])) if shape is not None else size, options,
-                        (*fit.__kwdefaults__, *REALS, *COUNTS))
+                        (*Program.fit.__kwdefaults__, *REALS, *COUNTS))
     o.minimize = bool(minimize)
     if not own and not minimize and not o.nviews:
         raise UsageError("what is to be matched? give a target, views, minimize=True or a loss function")
@@ -191,7 +169,7 @@ def fit(p: Program, target=None, *, wrt=None, iters: int = 200, lr: float | Mapp
     stats = _abi.SltStats.from_buffer_copy(_STATS)
     o.job, o.stats = ctypes.addressof(job), ctypes.addressof(stats)
     bar, begun = Bar(o.iterations, progress), time.monotonic()
-    interrupt = None
+    interrupt: Any = None  # of the call, which the functions below belong to
 
     def guarded(function, failed):
         """Exceptions may not pass through the library: they end the fit, and are raised behind it."""
@@ -207,7 +185,10 @@ def fit(p: Program, target=None, *, wrt=None, iters: int = 200, lr: float | Mapp
         r = _abi.SltFitRequest.from_address(request)
         form = tuple(r.pixels[d] for d in reversed(range(p.dim))) + (r.channels,)
         image = np.ctypeslib.as_array((ctypes.c_float * int(np.prod(form))).from_address(r.image)).reshape(form)
-        given, slope = loss(as_image(image.copy(), p.display), targets[r.view])
+        answer = loss(as_image(image.copy(), p.display), targets[r.view])
+        if not isinstance(answer, (tuple, list)) or len(answer) != 2:
+            raise UsageError(f"the loss returns a number and the adjoint, an array like the image, not {type(answer).__name__}")
+        given, slope = answer
         ctypes.c_double.from_address(value).value = float(given)
         if adjoint:
             slope = floats32(slope, "the adjoint of the loss", form)

@@ -4,6 +4,7 @@ from __future__ import annotations
 import ctypes
 import io
 import os
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -40,7 +41,7 @@ class Image(np.ndarray):
         flat = _picture(self)
         return None if flat is None else encode_png(flat, display=self.display, signed=self.signed)
 
-    def save(self, path):
+    def save(self, path: str | os.PathLike) -> None:
         """Writes .png, .exr, .pfm or .npy: `write_image`."""
         write_image(path, self)
 
@@ -51,7 +52,7 @@ def as_image(array, display=False, signed=False) -> Image:
     return image
 
 
-def strip(images, gap: int = 4) -> Image:
+def strip(images: Iterable, gap: int = 4) -> Image:
     """Pictures of one height side by side, as one: a film of a fit, a result beside its target. Arrays (height, width) or
     (height, width, channels); grey beside colour becomes colour. Between them are `gap` columns of white (of signed
     pictures: of 0). Display and signed are those of the first, which those of the others must be."""
@@ -121,7 +122,8 @@ def _taken(bytes_at, n) -> bytes:
         free(bytes_at)
 
 
-def encode_png(image, *, display=False, signed=False, title: str | None = None, scale=0.0) -> bytes:
+def encode_png(image, *, display: bool = False, signed: bool = False, title: str | None = None,
+               scale: float = 0.0) -> bytes:
     """A PNG file of an image, as bytes. `display`: its colours are encoded for a screen already. `signed`: a diverging
     map, blue below 0 and red above, with its scale printed below, behind `title`; full colour stands for `scale` (0: for
     the largest magnitude)."""
@@ -138,14 +140,14 @@ def encode_png(image, *, display=False, signed=False, title: str | None = None, 
     return _taken(at, n)
 
 
-def write_image(path, image, *, display: bool | None = None):
+def write_image(path: str | os.PathLike, image, *, display: bool | None = None) -> None:
     """Writes (height, width, channels) by the extension of `path`: .exr, .png, .pfm, .npy. The file appears whole or not
     at all. `display`: a PNG takes the numbers as they are (default: what the image says, else linear colours). A volume,
     (depth, height, width, channels), goes into a .npy only."""
     if os.fspath(path).lower().endswith(".npy"):
         made = io.BytesIO()
         np.save(made, floats32(image, "the image"))
-        _write_whole(path, made.getvalue())
+        write_whole(path, made.getvalue())
         return
     if np.ndim(image) == 4:
         raise UsageError(f"a volume, {np.shape(image)}, goes into a .npy; of a picture give one slice, image[z]")
@@ -155,13 +157,14 @@ def write_image(path, image, *, display: bool | None = None):
     raise_for(lib.slt_image_write(c_path(path), display, size, channels, flat.ctypes.data, ctypes.byref(error)), error)
 
 
-def save_png(path, image, *, display: bool | None = None, title: str | None = None, scale=0.0):
+def save_png(path: str | os.PathLike, image, *, display: bool | None = None, title: str | None = None,
+             scale: float = 0.0) -> None:
     """A PNG of an image; of a derivative (`Image.signed`) a diverging map with its scale printed below."""
     display = getattr(image, "display", False) if display is None else display
-    _write_whole(path, encode_png(image, display=display, signed=getattr(image, "signed", False), title=title, scale=scale))
+    write_whole(path, encode_png(image, display=display, signed=getattr(image, "signed", False), title=title, scale=scale))
 
 
-def _write_whole(path, data: bytes):
+def write_whole(path, data: bytes):
     """The file appears whole or not at all."""
     beside = f"{os.fspath(path)}.{os.getpid()}.tmp"
     try:
@@ -176,7 +179,8 @@ def _write_whole(path, data: bytes):
         raise
 
 
-def read_image(path, size: int | tuple[int, int] | None = None, *, channels: int | None = None, display=False) -> Image:
+def read_image(path: str | os.PathLike, size: int | tuple[int, int] | None = None, *, channels: int | None = None,
+               display: bool = False) -> Image:
     """Reads .exr, .png, .pfm, .npy or .hgt as (height, width, channels) of float32, colours linear. `size`: resized to
     (width, height), or a square. `channels`: converted, grey to colour or back. `display`: the numbers of a PNG as they
     are, for programs with ``[Display]``."""

@@ -4,12 +4,13 @@ from __future__ import annotations
 import html
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
 from ._errors import UsageError
+from ._images import write_whole
 
 COLOURS = ("#3465a4", "#cc0000", "#4e9a06", "#c17d11", "#75507b", "#555753")
 LEFT, RIGHT, TOP, BELOW, WIDTH, HEIGHT = 58, 20, 10, 22, 480, 200  # the frame, and room for ticks around it; pixels
@@ -18,16 +19,18 @@ LEFT, RIGHT, TOP, BELOW, WIDTH, HEIGHT = 58, 20, 10, 22, 480, 200  # the frame, 
 class Plot:
     """Curves, drawn by `plot`: a notebook shows them, ``save("loss.svg")`` writes them, ``svg`` is their text."""
 
-    def __init__(self, svg: str):
-        self.svg = svg
+    def __init__(self, svg: str, names: Iterable[str] = ()):
+        self.svg, self._names = svg, [str(name) for name in names]
 
-    def _repr_svg_(self):
+    def _repr_svg_(self) -> str:
         return self.svg
 
-    def save(self, path):
+    def __repr__(self):
+        return f"<saltus.Plot of {', '.join(self._names) or 'curves'}>"
+
+    def save(self, path: str | os.PathLike) -> None:
         """Writes an .svg file."""
-        with open(os.fspath(path), "w", encoding="utf-8") as file:
-            file.write(self.svg)
+        write_whole(path, self.svg.encode())
 
 
 def _ticks(lo, hi, log):
@@ -98,4 +101,4 @@ def plot(curves: Mapping[str, Any], *, log: bool = False, title: str = "") -> Pl
             out.append(f'<text x="{left:.1f}" y="{HEIGHT + 10 + 16 * i}" fill="{colour}">{html.escape(str(name))}</text>')
     if title:
         out.append(f'<text x="{right:.1f}" y="{HEIGHT + 10}" text-anchor="end" fill="#555">{html.escape(title)}</text>')
-    return Plot("\n".join(out) + "\n</svg>\n")
+    return Plot("\n".join(out) + "\n</svg>\n", curves)

@@ -9,9 +9,9 @@ import sys
 import threading
 import warnings
 import weakref
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from ._errors import CompileError, Diagnostic, SaltusWarning, UsageError, c_path
 from ._images import Image, as_image, empty, floats32, read_image
 from ._library import free, initial, lib, text
 from ._values import Gradient, Layout, Params, Record, Values, layouts_of
+
+if TYPE_CHECKING:
+    from ._fit import FitResult, Iteration
 
 _SEVERITIES = {1: "error", 2: "warning"}
 _STATS = bytes(initial(_abi.SltStats))
@@ -31,31 +34,35 @@ UNKNOWN = ("",)  # as names of what is differentiated: others decided it
 IMAGES_MAX = 64  # derivative images of one call
 
 
+def _place(at: _abi.SltPlace) -> str:
+    return f"{text(at.file)}:{at.line}:{at.column}" if at.file else ""
+
+
 class Stats:
     """Counts of the last call: ``samples``, ``segments``, ``crossings``, ``evaluations``, ``seconds`` and the other
-    members of SltStats (docs/library.md), ``dropped`` by reason, and ``warnings`` as sentences."""
+    members of SltStats (docs/library.md), places as "disc.salt:9:17". All of it is copied: what the library says is
+    gone with its program."""
 
     def __init__(self, raw: _abi.SltStats):
-        self._raw = raw
-
-    @property
-    def dropped(self) -> dict[str, int]:
         names = (ctypes.c_char_p * _abi.SLT_DROP_REASONS).in_dll(lib, "slt_drop_names")
-        return {text(name): n for name, n in zip(names, self._raw.dropped) if n}
+        #: Crossings that were left out, by reason.
+        self.dropped: dict[str, int] = {text(name): n for name, n in zip(names, raw.dropped) if n}
+        #: By code: what the result does not say, as sentences. ``saltus explain CODE`` explains.
+        self.warnings: dict[str, str] = {}
+        one = initial(_abi.SltWarning)
+        while lib.slt_warning(ctypes.byref(raw), len(self.warnings), ctypes.byref(one)):
+            self.warnings[text(one.code)] = (_place(one.at) + ": " if one.at.file else "") + text(one.text)
+        self._counts: dict[str, Any] = {}
+        for name, _ in raw._fields_:
+            if name not in ("struct_size", "dropped", "dropped_at"):
+                value = getattr(raw, name)
+                self._counts[name] = _place(value) if isinstance(value, _abi.SltPlace) else value
+        self._counts["dropped_at"] = {text(name): _place(at) for name, at in zip(names, raw.dropped_at) if at.file}
 
-    @property
-    def warnings(self) -> dict[str, str]:
-        """By code: what the result does not say. ``saltus explain CODE`` explains."""
-        found, one = {}, initial(_abi.SltWarning)
-        while lib.slt_warning(ctypes.byref(self._raw), len(found), ctypes.byref(one)):
-            place = f"{text(one.at.file)}:{one.at.line}:{one.at.column}: " if one.at.file else ""
-            found[text(one.code)] = place + text(one.text)
-        return found
-
-    def __getattr__(self, name):
-        if name.startswith("_") or not hasattr(_abi.SltStats, name):
+    def __getattr__(self, name) -> Any:
+        if name.startswith("_") or name not in self._counts:
             raise AttributeError(f"there is no count `{name}`")
-        return getattr(self._raw, name)
+        return self._counts[name]
 
     def __repr__(self):
         return (f"Stats(samples={self.samples}, segments={self.segments}, crossings={self.crossings}, "
@@ -191,11 +198,12 @@ def compile(source: str | os.PathLike, *, set: Mapping[str, Any] | None = None, 
             entry: str | None = None, import_dirs: Iterable[str | os.PathLike] = (), precision: str = "f32",
             language: str | None = None, disc: str = "tagged", near_miss: str = "auto", seed: int = 0, width: int = 0,
             target: str | None = None, interpret: bool = False, cache: bool = True, field: str | None = None,
-            sandbox: bool = False, size: tuple[int, int] | None = None, name: str | None = None) -> Program:
+            sandbox: bool = False, size: int | tuple[int, int] | None = None, name: str | None = None) -> Program:
     """Compiles a shader: a file, or the source itself (a string with a brace, a semicolon or more than one line).
 
     set: values of constants at file scope, ``{"N": 12}`` or ``{"module.N": 12}``
-    params: values of parameters to begin with; arrays and files ("@dem.exr") also decide the length of open arrays
+    params: values of parameters to begin with; arrays and files ("@dem.exr") also decide the length of open arrays, the size
+        of textures and heightfields
     entry: which shader (main, or the only one)
     precision: "f32" or "f64", of ``float``
     language: "salt" or "glsl" (by the file's extension)
@@ -217,7 +225,7 @@ def compile(source: str | os.PathLike, *, set: Mapping[str, Any] | None = None, 
     values = dict(params or {})
     files = {k: v[1:] for k, v in values.items() if isinstance(v, str) and v.startswith("@")}
     options.param_files, options.nparam_files = _point(kept, files)
-    lengths = {k: [0] * n for k, n in ((k, _length(v)) for k, v in values.items()) if n is not None}
+    lengths = {k: n for k, n in ((k, _sizes(v)) for k, v in values.items()) if n is not None}
     options.lengths = json.dumps(lengths).encode() if lengths else None
     folders = [c_path(d) for d in import_dirs]
     array = (ctypes.c_char_p * len(folders))(*folders)
@@ -232,8 +240,8 @@ def compile(source: str | os.PathLike, *, set: Mapping[str, Any] | None = None, 
     options.seed = _job.whole("seed", seed, 0, 0xffffffff)
     options.width = _job.whole("width", width, 0, 64)
     options.interpret, options.no_cache, options.sandbox = bool(interpret), not cache, bool(sandbox)
-    for d, n in enumerate(size or ()):
-        options.size[d] = _job.whole("size", n, 1, _job.SIDE_MAX)
+    if size is not None:
+        options.size[:] = _job.make_job(2, size, {}).size[:2]
     handle = ctypes.c_void_p()
     if _is_source(source):
         status = lib.slt_compile_string(c_string(source, "the source"), encoded(name, "the name"), ctypes.byref(options), ctypes.byref(handle))
@@ -251,7 +259,7 @@ def compile(source: str | os.PathLike, *, set: Mapping[str, Any] | None = None, 
     command = _command.Origin(source, _is_source(source), name, dict(
         set=set or {}, entry=entry, import_dirs=[os.fspath(d) for d in import_dirs], precision=precision, lang=language,
         disc=disc, near_miss=near_miss, field=field, width=width or None, target_cpu=target, sandbox=sandbox,
-        interpret=interpret, no_cache=not cache))
+        interpret=interpret, no_cache=not cache, size=tuple(options.size) if size is not None else None))
     program = Program(handle, command)
     for key, value in values.items():
         program.params[key] = value
@@ -272,19 +280,23 @@ def _point(kept, pairs):
     return ctypes.addressof(array), n
 
 
-def _length(value) -> int | None:
-    """Of a list, an array, text of a list, or a mapping of fields to such."""
+def _sizes(value) -> list | None:
+    """Of a list, an array, text of a list, or a mapping of fields to such: a list as long, of which the first element is
+    such a list again where that of the value is one."""
     if isinstance(value, str):
         try:
             value = json.loads(value)
         except ValueError:
             return None
     if isinstance(value, Mapping):
-        return max((n for n in map(_length, value.values()) if n is not None), default=None)
+        found = [n for n in map(_sizes, value.values()) if n is not None]
+        return max(found, key=len) if found else None
     try:
-        return len(value)
+        n = len(value)
     except TypeError:
         return None
+    first = _sizes(value[0]) if n and hasattr(value, "__getitem__") else None
+    return [0 if first is None else first] * min(n, 1) + [0] * (n - 1)
 
 
 def _diagnostics(handle, first=0) -> list[Diagnostic]:
@@ -352,7 +364,7 @@ class Program:
         self._params[name] = value
 
     @property
-    def wrt(self) -> tuple[str, ...] | None:
+    def wrt(self) -> Any:  # checkers have no setter of another type than the getter
         """Which parameters or components are differentiated, ``["discs[*].centre", "ink"]``; None: all that can be.
         What is left out costs nothing. Calls that differ in it may take turns (`jvp` is of what its direction names): what
         was compiled for the last five is kept. With more, derivatives are compiled at each turn, and memory is kept until
@@ -416,8 +428,8 @@ class Program:
             try:
                 with open(source, encoding="utf-8") as file:
                     source = file.read()
-            except OSError as error:
-                raise error_of(_abi.SLT_INPUT, f"{shown}: {error.strerror}") from None
+            except OSError as wrong:
+                raise error_of(_abi.SLT_INPUT, f"{shown}: {wrong.strerror}") from None
         else:
             shown = "parameters"
         error = _abi.SltError()
@@ -615,7 +627,7 @@ class Program:
         bound = np.zeros(self._floats.size) if stderr else None
         with self._lock:
             self._call(lib.slt_grad_adjoint, job, given.ctypes.data, gradient.ctypes.data,
-                       bound.ctypes.data if stderr else None, params=params, progress=progress, wrt=wrt, derivatives=True)
+                       None if bound is None else bound.ctypes.data, params=params, progress=progress, wrt=wrt, derivatives=True)
             names = self._differentiated()
         return self._gradient(gradient, bound, names)
 
@@ -649,8 +661,8 @@ class Program:
                         [n for n, l in self._layouts.items() if l.holds_floats])
         try:
             wanted = {name: number[name] for name in names}
-        except KeyError as error:
-            raise UsageError(error.args[0]) from None
+        except KeyError as wrong:
+            raise UsageError(wrong.args[0]) from None
         rows: dict[int, int] = {}
 
         def count(view):
@@ -700,7 +712,7 @@ class Program:
         bound = np.zeros(self._floats.size) if stderr else None
         with self._lock:
             self._call(lib.slt_grad_loss, job, target.ctypes.data, None if mask is None else mask.ctypes.data,
-                       ctypes.byref(value), gradient.ctypes.data, bound.ctypes.data if stderr else None, None,
+                       ctypes.byref(value), gradient.ctypes.data, None if bound is None else bound.ctypes.data, None,
                        params=params, progress=progress, wrt=wrt, derivatives=True)
             names = self._differentiated()
         return value.value, self._gradient(gradient, bound, names)
@@ -728,7 +740,9 @@ class Program:
     def _mask(self, mask, shape):
         mask = np.asarray(mask)
         if mask.shape == shape[:-1]:
-            mask = np.broadcast_to(mask[..., None], shape)
+            mask = mask[..., None]
+        if mask.shape == (*shape[:-1], 1):
+            mask = np.broadcast_to(mask, shape)
         return floats32(mask, "the mask", shape)
 
     def crossing(self, a, b, *, stream: int = 0, params=None) -> Crossing:
@@ -759,6 +773,8 @@ class Program:
     def set_print(self, function: Callable[[str], Any] | None = print):
         """Who gets the lines that shaders print(); None: nobody. Called by any thread of an estimate; what it raises ends
         the estimate, which raises it."""
+        if function is not None and not callable(function):
+            raise UsageError(f"what gets lines is a function or None, not {function!r}")
         running = self._running
 
         def printed(user, line, values, n):
@@ -771,7 +787,7 @@ class Program:
                 if not call:
                     raise  # a callback of ctypes: Python prints it and goes on
                 call.stop(error)
-        callback = _abi.SltPrint(printed) if function else _abi.SltPrint()
+        callback = _abi.SltPrint(printed) if function else _abi.SltPrint(0)
         error = _abi.SltError()
         with self._lock:
             raise_for(lib.slt_set_print(self._handle, callback, None, ctypes.byref(error)), error)
@@ -779,10 +795,44 @@ class Program:
 
     # ---- more
 
-    def fit(self, target=None, **options):
-        """Optimises parameters; see `saltus.FitResult` and docs/python.md."""
+    def fit(self, target=None, *, wrt=None, iters: int = 200, lr: float | Mapping[str, float] | None = None,
+            optimizer: str = "adam", mask=None, views: Sequence[Mapping[str, Any]] | None = None, minimize: bool = False,
+            loss: str | Callable = "l2", loss_entry: str | None = None, smooth: Mapping[str, float] | None = None,
+            smooth_faces: Mapping[str, str] | None = None, smooth_grids: Mapping[str, str] | None = None,
+            lr_masks: Mapping[str, Any] | None = None, schedule: str = "constant",
+            callback: Callable[[Iteration], Any] | None = None, progress: bool | None = None, size=None,
+            checkpoint: str | os.PathLike | None = None, every: int = 10, resume: str | os.PathLike | None = None,
+            **options) -> FitResult:
+        """Optimises the parameters of `wrt` (default: all that can be), within [Range], from the values they have. The program
+        has the best parameters when it ends, however it ends.
+
+        target: an image (height, width, channels), any dtype, or a file, which is resized to `size` if that is given
+        mask: weighs its pixels
+        views: instead, a list of ``{"target": ..., "mask": ..., "params": {...}, "program": ...}``; a program that draws a
+            view has the fit's values in it, of parameters of the same name, and afterwards its own again
+        minimize: the integral of the entry itself is the loss
+        loss: "l2", "l1", "huber" (`huber_delta`), or a function (image, target) -> (value, adjoint), the adjoint an array
+            like the image. "l2" does not count the noise of the image, so near 0 it may be a little below
+        loss_entry: a function of the shader as the loss
+        iters: evaluations in all
+        optimizer: "adam" (`beta1`, `beta2`, `epsilon`), "sgd" (`momentum`) or "lbfgs" (`history`)
+        lr: a learning rate, or ``{"radius": 0.1, "discs[*].centre": 0.01}``; 0 holds (default 0.01, L-BFGS 0.1)
+        lr_masks: factors of it for the texels of a texture or heightfield
+        schedule: of the rate: "constant", "exponential" (times `decay` an iteration) or "cosine"
+        smooth: Laplacian preconditioning, ``{"h": 20}``; smooth_faces, smooth_grids: of a mesh, a grid in one list
+        callback: called with an `Iteration` behind every evaluation; returning True stops the fit
+        progress: a line with iteration, loss and time left (None: on a terminal and in notebooks)
+        checkpoint, every, resume: the state in a file, to go on from, to the same bits
+        size: of a target that is a file, or of views without one
+
+        Beside these: gradient_tolerance, loss_tolerance and patience (when it has converged), max_failures,
+        views_per_step, and the estimating options of `render` (spp, seed, threads, estimator, time_limit, ...).
+        Ctrl-C raises KeyboardInterrupt."""
         from ._fit import fit
-        return fit(self, target, **options)
+        return fit(self, target, wrt=wrt, iters=iters, lr=lr, optimizer=optimizer, mask=mask, views=views, minimize=minimize,
+                   loss=loss, loss_entry=loss_entry, smooth=smooth, smooth_faces=smooth_faces,
+                   smooth_grids=smooth_grids, lr_masks=lr_masks, schedule=schedule, callback=callback,
+                   progress=progress, size=size, checkpoint=checkpoint, every=every, resume=resume, **options)
 
     def check(self, **options) -> dict:
         """Certifies the derivatives against finite differences, by ``saltus check``: its JSON. Raises CheckFailed with

@@ -21,7 +21,9 @@ class Bar:
     EVERY = 0.2
 
     def __init__(self, total: int, wanted: bool | None):
-        self.total, self.start, self.next, self.first, self.handle = total, time.monotonic(), 0.0, None, None
+        self.total, self.next = total, 0.0
+        self.first: tuple[int, float] | None = None
+        self.handle = None
         self.display = _notebook() if wanted is not False else None
         self.shown = wanted or (wanted is None and (self.display is not None or sys.stderr.isatty()))
 

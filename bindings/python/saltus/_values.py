@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import _abi
-from ._errors import UsageError
+from ._errors import UnknownName, UsageError
 from ._library import initial, lib, text
 
 #: Of a bool, an int32 of 0 or 1, the lowest byte is looked at.
@@ -31,7 +31,7 @@ class Info:
     log: bool  #: ``[Log]``: fits move it on a logarithmic scale
     color: bool  #: ``[Color]``
     doc: str  #: of ``[Doc("...")]``, or ""
-    extent: tuple[float, float, float, float] | None  #: of a heightfield: x0, y0, x1, y1
+    extent: tuple[float, ...] | None  #: of a heightfield: x0, y0, x1, y1
     kind: str  #: "float", "int", "uint", "bool", "struct", "texture" or "heightfield"
 
 
@@ -43,13 +43,14 @@ class Layout:
     def __init__(self, param: _abi.SltParam, dims=()):
         self.kind = param.kind
         self.fbase, self.ibase = param.fbase, param.ibase
-        own, fstep, istep = [], param.fstride, param.istride
+        own: list[tuple[int, int, int]] = []
+        fstep, istep = param.fstride, param.istride
         for size in reversed(param.shape[:param.rank]):
             own.insert(0, (size, fstep, istep))
             fstep, istep = fstep * size, istep * size
         self.dims = tuple(dims) + tuple(own)
         self.holds_floats = param.kind == _abi.SLT_KIND_FLOAT
-        self.fields = {}
+        self.fields: dict[str, Layout] = {}
         for i in range(param.nfields):
             field = initial(_abi.SltParam)
             if lib.slt_param_field(ctypes.byref(param), i, ctypes.byref(field)):
@@ -66,6 +67,7 @@ class Layout:
         """The view of a parameter that is no struct. With channels, `floats` is (channels, n), and they come last."""
         shape = tuple(d[0] for d in self.dims)
         if self.kind != _abi.SLT_KIND_FLOAT:
+            assert ints is not None
             return _strided(ints[self.ibase:].view(INTEGERS[self.kind]), shape, tuple(d[2] for d in self.dims),
                             ints.itemsize)
         if channels is None:
@@ -114,7 +116,7 @@ class Record(MutableMapping):
         try:
             return self._fields[key]
         except KeyError:
-            raise KeyError(_unknown("field", key, self._fields)) from None
+            raise UnknownName(_unknown("field", key, self._fields)) from None
 
     def __setitem__(self, key, value):
         if not isinstance(key, str):
@@ -183,6 +185,8 @@ def assign(view, value, name: str):
         limits = np.iinfo(view.dtype)
         if given.min() < limits.min or given.max() > limits.max:
             raise UsageError(f"{name}: integers here are from {limits.min} to {limits.max}")
+    if given.shape == (*view.shape, 1):
+        given = given[..., 0]  # a picture of one channel is a texture, a heightfield or an array of numbers
     try:
         view[...] = given
     except ValueError:
@@ -209,7 +213,7 @@ class Values(Mapping):
 
     def __getitem__(self, name: str):
         if not isinstance(name, str):
-            raise KeyError(f"parameters have names, and {name!r} is none")
+            raise UnknownName(f"parameters have names, and {name!r} is none")
         if name in self._names:
             return self._layouts[name].view(self.vector, self._ints, self._channels)
         return self._part(name)
@@ -217,7 +221,7 @@ class Values(Mapping):
     def _part(self, name):
         parts = re.fullmatch(r"(\w+)((?:\[(?:\d+|\*)\]|\.\w+)*)", name)
         if not parts or parts[1] not in self._names:
-            raise KeyError(_unknown("parameter", parts[1] if parts else name, self._names))
+            raise UnknownName(_unknown("parameter", parts[1] if parts else name, self._names))
         view, stars = self._layouts[parts[1]].view(self.vector, self._ints, self._channels), 0
         for index, field in re.findall(r"\[(\d+|\*)\]|\.(\w+)", parts[2]):
             rank = view._rank if isinstance(view, Record) else view.ndim - (self._channels is not None)
@@ -229,17 +233,17 @@ class Values(Mapping):
                 try:
                     view = view[at]
                 except IndexError:
-                    raise KeyError(f"{name}: [{index}] is beyond the end") from None
+                    raise UnknownName(f"{name}: [{index}] is beyond the end") from None
             elif field and isinstance(view, Record):
                 view = view[field]
             elif field in ("x", "y", "z", "w", "r", "g", "b", "a") and rank > stars:
                 at = "xyzw".find(field) if field in "xyzw" else "rgba".find(field)
                 axis = view.ndim - 1 - (self._channels is not None)
                 if at >= view.shape[axis]:
-                    raise KeyError(f"{name}: .{field} is beyond the end")
+                    raise UnknownName(f"{name}: .{field} is beyond the end")
                 view = view[(..., at) if self._channels is None else (..., at, slice(None))]
             else:
-                raise KeyError(f"{name}: there is no `{'.' + field if field else '[' + index + ']'}`")
+                raise UnknownName(f"{name}: there is no `{'.' + field if field else '[' + index + ']'}`")
         return view
 
     def __iter__(self) -> Iterator[str]:
@@ -305,11 +309,15 @@ class Params(Values, MutableMapping):
         rows = []
         for name, layout in self._layouts.items():
             i = layout.info
-            value = np.array2string(self[name], precision=4, threshold=6) if i.kind != "struct" else \
-                ", ".join(layout.fields)
+            if i.kind == "struct":
+                value = ", ".join(layout.fields)
+            elif self[name].ndim < 2 or self[name].size <= 16:
+                value = np.array2string(self[name], precision=4, threshold=6)
+            else:
+                value = f"{' x '.join(map(str, i.shape))}, {self[name].min():.4g} to {self[name].max():.4g}"
             rows.append("".join(f"<td>{html.escape(str(cell))}</td>" for cell in
                                 (name, i.type, value, i.range or "", i.doc)))
-        return ("<table><tr><th>parameter<th>type<th>value<th>range<th></tr>" +
+        return ("<table><tr><th>parameter<th>type<th>value<th>range<th>doc</tr>" +
                 "".join(f"<tr>{row}</tr>" for row in rows) + "</table>")
 
 

@@ -8,7 +8,8 @@ The image has the samples of seed 2k and its derivative those of 2k + 1, so that
 gradient of a squared loss is not biased. Everything runs on the CPU; tensors of other devices are copied there and back."""
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 import torch
@@ -192,7 +193,7 @@ def integral(program: Program, params: Mapping | None = None, samples: int = 1 <
                   {"seed": seed})
 
 
-def loss(function):
+def loss(function: Callable[[Any, Any], torch.Tensor]) -> Callable[[Any, Any], tuple[float, np.ndarray]]:
     """A loss for `Program.fit`, of a function of tensors (image, target) that returns a scalar tensor:
     ``p.fit(target, loss=saltus.torch.loss(torch.nn.functional.smooth_l1_loss))``."""
     def value_and_adjoint(image, target):

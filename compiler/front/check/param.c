@@ -235,22 +235,30 @@ static const char *texture_shape(Checker *c, const Symbol *sym) {
     return arena_printf(&c->s->session, "%u x %u%s with %u channels", sym->tex_w, sym->tex_h, depth, sym->tex_c);
 }
 
+/* what: of which the sizes are. */
+static bool texture_fits(Checker *c, const Symbol *sym, const GeometryType *grid, const char *what) {
+    uint32_t least = grid ? grid->least : 1;
+    bool volume = sym->type->kind == T_TEXTURE3D;
+    if (sym->tex_w < least || sym->tex_h < least || (volume && !sym->tex_d) || sym->tex_c < 1 ||
+        sym->tex_c > (grid ? 1 : 4) ||
+        (double)sym->tex_w * sym->tex_h * (volume ? sym->tex_d : 1) * sym->tex_c > (double)CHECK_MAX_TEXELS) {
+        shape_error(
+            c, sym,
+            arena_printf(&c->s->session, "%s is %s, which is no %s", what, texture_shape(c, sym), sym->type->name));
+        return false;
+    }
+    return true;
+}
+
 static bool texture_from_asset(Checker *c, Symbol *sym, const GeometryType *grid) {
-    uint32_t dims[4] = {0}, nd = 0, least = grid ? grid->least : 1;
+    uint32_t dims[4] = {0}, nd = 0;
     bool volume = sym->type->kind == T_TEXTURE3D;
     if (!probe_asset(c, sym, dims, &nd)) return false;
     sym->tex_w = dims[0];
     sym->tex_h = nd > 1 ? dims[1] : 0;
     sym->tex_d = volume ? dims[2] : 0;
     sym->tex_c = grid ? 1 : volume ? dims[3] : nd > 2 ? dims[2] : 1;
-    if (sym->tex_w < least || sym->tex_h < least || (volume && !sym->tex_d) || sym->tex_c < 1 || sym->tex_c > 4 ||
-        (double)sym->tex_w * sym->tex_h * (volume ? sym->tex_d : 1) * sym->tex_c > (double)CHECK_MAX_TEXELS) {
-        shape_error(c, sym,
-                    arena_printf(&c->s->session, "`%s` is %s, which is no %s", sym->asset, texture_shape(c, sym),
-                                 sym->type->name));
-        return false;
-    }
-    return true;
+    return texture_fits(c, sym, grid, arena_printf(&c->s->session, "`%s`", sym->asset));
 }
 
 /* Its sizes are known now, its numbers and faces are read when all is well. */
@@ -348,15 +356,38 @@ static bool param_error(Checker *c, const Symbol *sym, const char *text) {
     return false;
 }
 
+/* The sizes of the values that the caller has for a parameter, at most `most` of them; 0: it has no list. */
+static uint32_t given_sizes(Checker *c, Symbol *sym, uint32_t most, uint64_t *sizes) {
+    if (!c->opt || !c->opt->given) return 0;
+    uint32_t n = c->opt->given(c->opt->probe_user, sym->doc_name, most, sizes);
+    sym->sized = n > 0;
+    return n;
+}
+
 /* An open array whose values the caller has: as many elements as there. */
-static bool sized_by_values(Checker *c, Symbol *sym, bool *ok) {
+static bool array_by_values(Checker *c, Symbol *sym, bool *ok) {
     uint64_t n = 0;
-    if (!c->opt || !c->opt->length || !c->opt->length(c->opt->probe_user, sym->doc_name, &n)) return false;
-    sym->sized = true;
+    if (!given_sizes(c, sym, 1, &n)) return false;
     *ok = n ? n <= UINT32_MAX && array_limit(c, sym, n * type_components(sym->type->elem))
             : param_error(c, sym, "an array has at least one element, and the values that were given for it have none");
     if (!n) c->s->bad_input = true;
     if (*ok) sym->type = type_array(c->s, sym->type->elem, (uint32_t)n);
+    return true;
+}
+
+/* A texture or a geometry whose texels the caller has: [slices,] rows, columns[, channels]. A shorter list, as of one
+ * colour for all texels, says nothing of sizes. */
+static bool texture_by_values(Checker *c, Symbol *sym, const GeometryType *grid, bool *ok) {
+    uint64_t n[4] = {0};
+    bool volume = sym->type->kind == T_TEXTURE3D;
+    uint32_t sides = volume ? 3 : 2, nd = given_sizes(c, sym, sides + 1, n), size[4];
+    sym->sized = nd >= sides;
+    if (!sym->sized) return false;
+    for (uint32_t i = 0; i < 4; i++) size[i] = n[i] < UINT32_MAX ? (uint32_t)n[i] : UINT32_MAX;
+    sym->tex_d = volume ? size[0] : 0;
+    sym->tex_h = size[sides - 2], sym->tex_w = size[sides - 1];
+    sym->tex_c = nd == sides ? 1 : size[sides];
+    *ok = texture_fits(c, sym, grid, arena_printf(&c->s->session, "what was given for `%s`", sym->name));
     return true;
 }
 
@@ -367,7 +398,8 @@ static bool param_value(Checker *c, Symbol *sym) {
     bool open = t->kind == T_ARRAY && !t->n, ok;
     sym->open = open;
     ParamFile *file = file_override(c, sym->doc_name);
-    if (open && !file && sized_by_values(c, sym, &ok)) return ok;
+    if (open && !file && array_by_values(c, sym, &ok)) return ok;
+    if (type_is_resource(t) && !type_is_mesh(t) && !file && texture_by_values(c, sym, geometry_of(t), &ok)) return ok;
     if (file && (type_is_resource(t) || open || sym->asset_text)) {
         file->used = true;
         sym->asset = file->path;
