@@ -87,7 +87,6 @@ static int view(Cli *c, Viewer *v, Served *s, const int pipe_ends[2]) {
 
 int verb_view(Cli *c) {
     int ends[2];
-    if (c->output) return cli_usage(c, "view writes no files: leave out -o");
     if (c->file && !strcmp(c->file, "-")) return cli_usage(c, "view watches a FILE, which standard input is not");
     if (pipe2(ends, O_CLOEXEC | O_NONBLOCK) != 0)
         return cli_error(SLT_LIMIT, "no pipe could be had: %s", strerror(errno));
