@@ -95,12 +95,7 @@ def empty(shape, dtype=np.float32) -> np.ndarray:
 
 def floats32(array, what: str, shape=None) -> np.ndarray:
     """A C-ordered array of float32 with these numbers, copied if need be. Complex numbers and objects are refused."""
-    try:
-        array = np.asarray(array)
-    except ValueError as error:
-        raise UsageError(f"{what}: {error}") from None
-    if array.dtype.kind not in "fiub":
-        raise UsageError(f"{what}: an array of real numbers is wanted, not of {array.dtype}")
+    array = _job.numbers(what, array)
     if shape is not None and array.shape != shape and array.shape + (1,) != shape:
         raise UsageError(f"{what} has the shape {array.shape}, and {shape} is wanted")
     with np.errstate(over="ignore"):
@@ -170,6 +165,8 @@ def write_whole(path, data: bytes):
     try:
         with open(beside, "wb") as file:
             file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
         os.replace(beside, path)
     except BaseException as error:
         if os.path.exists(beside):

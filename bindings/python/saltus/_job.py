@@ -5,6 +5,8 @@ import ctypes
 import difflib
 import operator
 
+import numpy as np
+
 from . import _abi
 from ._errors import UsageError
 from ._library import initial
@@ -34,6 +36,17 @@ def real(name, value, lowest=0.0):
     if not number >= lowest:
         raise UsageError(f"{name} is at least {lowest:g}, not {number}")
     return number
+
+
+def numbers(name, value) -> np.ndarray:
+    """Real numbers as an array, not copied; what is none is refused."""
+    try:
+        array = np.asarray(value)
+    except ValueError as error:  # rows of different lengths
+        raise UsageError(f"{name}: {error}") from None
+    if array.dtype.kind not in "fiub":
+        raise UsageError(f"{name}: real numbers are wanted, not {array.dtype}")
+    return array
 
 
 def choice(name, value, among):

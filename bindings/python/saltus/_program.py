@@ -550,7 +550,7 @@ class Program:
     def eval(self, x, *, streams=None, params=None, progress=None, **options) -> np.ndarray:
         """f at points: x (..., dim), of a program in 1D also a number or (n,). Returns float64 (..., channels). rand()
         depends on `seed` and on the point's stream, an integer (...) below 2^32 (default: its number)."""
-        x = _real_array(x, "x")
+        x = _job.numbers("x", x).astype(np.float64, copy=False)
         points = x[..., None] if self.dim == 1 and x.ndim < 2 else x
         if points.ndim == 0 or points.shape[-1] != self.dim:
             raise UsageError(f"x has the shape {x.shape}, and the points of this program (..., {self.dim})")
@@ -747,7 +747,7 @@ class Program:
 
     def crossing(self, a, b, *, stream: int = 0, params=None) -> Crossing:
         """The crossing nearest to a on the segment from a to b, points (dim,)."""
-        ends = [_real_array(e, name).reshape(-1) for e, name in ((a, "a"), (b, "b"))]
+        ends = [_job.numbers(name, e).astype(np.float64, copy=False).reshape(-1) for e, name in ((a, "a"), (b, "b"))]
         if any(e.size != self.dim for e in ends):
             raise UsageError(f"points of this program have {self.dim} coordinates")
         a, b = ((ctypes.c_double * 3)(*e) for e in ends)
@@ -761,7 +761,7 @@ class Program:
 
     def bound(self, lo, hi, *, params=None) -> list[Bound]:
         """What is proven of boxes with corners lo and hi, (n, dim) or (dim,)."""
-        lo, hi = (np.ascontiguousarray(np.atleast_2d(_real_array(v, "a corner"))) for v in (lo, hi))
+        lo, hi = (np.ascontiguousarray(np.atleast_2d(_job.numbers("a corner", v).astype(np.float64, copy=False))) for v in (lo, hi))
         if lo.shape != hi.shape or lo.shape[-1] != self.dim:
             raise UsageError(f"corners have the shape (n, {self.dim})")
         out = (_abi.SltBound * len(lo))(*[initial(_abi.SltBound) for _ in lo])
@@ -873,13 +873,6 @@ def _names(names) -> tuple[str, ...] | None:
     if not names:
         raise UsageError("wrt names nothing; None: all that can be differentiated")
     return names
-
-
-def _real_array(x, what) -> np.ndarray:
-    x = np.asarray(x)
-    if x.dtype.kind not in "fiub":
-        raise UsageError(f"{what}: an array of real numbers is wanted, not of {x.dtype}")
-    return x.astype(np.float64, copy=False)
 
 
 _HERE = os.path.dirname(os.path.abspath(__file__))

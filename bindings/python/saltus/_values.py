@@ -14,6 +14,7 @@ import numpy as np
 
 from . import _abi
 from ._errors import UnknownName, UsageError
+from ._job import numbers
 from ._library import initial, lib, text
 
 #: Of a bool, an int32 of 0 or 1, the lowest byte is looked at.
@@ -170,12 +171,7 @@ def assign(view, value, name: str):
             raise UsageError(f"{name} is made of structs of shape {view.shape}: give a mapping of fields to arrays, or a list "
                              "of such mappings of that length")
         return
-    try:
-        given = np.asarray(value)
-    except ValueError as error:
-        raise UsageError(f"{name}: {error}") from None
-    if given.dtype.kind not in "fiub":
-        raise UsageError(f"{name}: numbers are wanted, not {given.dtype}")
+    given = numbers(name, value)
     if view.dtype.kind == "b" and not np.array_equal(given, given.astype(bool)):
         raise UsageError(f"{name} is true or false, and {value} is neither")
     if view.dtype.kind in "iu" and given.dtype.kind == "f":
