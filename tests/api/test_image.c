@@ -1,25 +1,7 @@
 /* saltus/image.h, and slt_warning: what callers without the command need of it. */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-#include <unistd.h>
-
-#include <cmocka.h>
-
 #include "saltus/image.h"
 #include "saltus/saltus.h"
-
-static char folder[] = "/tmp/saltus-api-image-XXXXXX";
-
-static const char *in_folder(const char *name) {
-    static char path[128];
-    snprintf(path, sizeof path, "%s/%s", folder, name);
-    return path;
-}
+#include "tests/scratch.h"
 
 static const uint32_t two_by_one[2] = {2, 1};
 static const float red_and_grey[6] = {1, 0, 0, 0.5f, 0.5f, 0.5f};
@@ -31,15 +13,14 @@ static void there_and_back(void **state) {
         SltError err;
         uint32_t size[2] = {0}, channels = 0;
         float *pixels;
-        assert_int_equal(slt_image_write(in_folder(names[i]), false, two_by_one, 3, red_and_grey, &err), SLT_OK);
-        assert_int_equal(slt_image_read(in_folder(names[i]), false, size, &channels, &pixels, &err), SLT_OK);
+        assert_int_equal(slt_image_write(scratch_path(names[i]), false, two_by_one, 3, red_and_grey, &err), SLT_OK);
+        assert_int_equal(slt_image_read(scratch_path(names[i]), false, size, &channels, &pixels, &err), SLT_OK);
         assert_int_equal(size[0], 2);
         assert_int_equal(size[1], 1);
         assert_int_equal(channels, 3);
         for (int k = 0; k < 6; k++) /* a step of 8 bits in sRGB is .004 at a half */
             assert_float_equal(pixels[k], red_and_grey[k], (strstr(names[i], "png") ? 0.004 : 0));
         free(pixels);
-        unlink(in_folder(names[i]));
     }
 }
 
@@ -48,11 +29,10 @@ static void raw_png_has_its_numbers(void **state) {
     SltError err;
     uint32_t size[2] = {0}, channels = 1;
     float *pixels, half = 128 / 255.0f;
-    assert_int_equal(slt_image_write(in_folder("r.png"), true, (uint32_t[2]){1, 1}, 1, &half, &err), SLT_OK);
-    assert_int_equal(slt_image_read(in_folder("r.png"), true, size, &channels, &pixels, &err), SLT_OK);
+    assert_int_equal(slt_image_write(scratch_path("r.png"), true, (uint32_t[2]){1, 1}, 1, &half, &err), SLT_OK);
+    assert_int_equal(slt_image_read(scratch_path("r.png"), true, size, &channels, &pixels, &err), SLT_OK);
     assert_float_equal(*pixels, half, 1e-6);
     free(pixels);
-    unlink(in_folder("r.png"));
 }
 
 static void wishes(void **state) {
@@ -60,11 +40,10 @@ static void wishes(void **state) {
     SltError err;
     uint32_t size[2] = {1, 1}, channels = 1;
     float *pixels;
-    assert_int_equal(slt_image_write(in_folder("w.exr"), false, two_by_one, 3, red_and_grey, &err), SLT_OK);
-    assert_int_equal(slt_image_read(in_folder("w.exr"), false, size, &channels, &pixels, &err), SLT_OK);
+    assert_int_equal(slt_image_write(scratch_path("w.exr"), false, two_by_one, 3, red_and_grey, &err), SLT_OK);
+    assert_int_equal(slt_image_read(scratch_path("w.exr"), false, size, &channels, &pixels, &err), SLT_OK);
     assert_float_equal(*pixels, (0.2126 + 0.5) / 2, 1e-4); /* the mean of two luminances */
     free(pixels);
-    unlink(in_folder("w.exr"));
 }
 
 static void in_memory(void **state) {
@@ -87,13 +66,14 @@ static void refusals(void **state) {
     size_t n;
     uint32_t size[2] = {0}, channels = 0;
     float *pixels;
-    assert_int_equal(slt_image_read(in_folder("none.png"), false, size, &channels, &pixels, &err), SLT_INPUT);
+    assert_int_equal(slt_image_read(scratch_path("none.png"), false, size, &channels, &pixels, &err), SLT_INPUT);
     assert_non_null(strstr(err.text, "none.png"));
     assert_null(pixels);
-    assert_int_equal(slt_image_write(in_folder("a.bmp"), false, two_by_one, 3, red_and_grey, &err), SLT_USAGE);
+    assert_int_equal(slt_image_write(scratch_path("a.bmp"), false, two_by_one, 3, red_and_grey, &err), SLT_USAGE);
     assert_int_equal(slt_image_write("/nowhere/a.png", false, two_by_one, 3, red_and_grey, &err), SLT_OUTPUT);
-    assert_int_equal(slt_image_write(in_folder("a.png"), false, two_by_one, 5, red_and_grey, &err), SLT_USAGE);
-    assert_int_equal(slt_image_write(in_folder("a.png"), false, (uint32_t[2]){0, 1}, 3, red_and_grey, &err), SLT_USAGE);
+    assert_int_equal(slt_image_write(scratch_path("a.png"), false, two_by_one, 5, red_and_grey, &err), SLT_USAGE);
+    assert_int_equal(slt_image_write(scratch_path("a.png"), false, (uint32_t[2]){0, 1}, 3, red_and_grey, &err),
+                     SLT_USAGE);
     assert_int_equal(slt_image_encode(".bmp", false, two_by_one, 3, red_and_grey, &bytes, &n, &err), SLT_USAGE);
     assert_int_equal(slt_image_encode(".a name that is much too long for any format", false, two_by_one, 3,
                                       red_and_grey, &bytes, &n, &err),
@@ -123,8 +103,5 @@ int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(there_and_back), cmocka_unit_test(raw_png_has_its_numbers),
                                        cmocka_unit_test(wishes),         cmocka_unit_test(in_memory),
                                        cmocka_unit_test(refusals),       cmocka_unit_test(warnings)};
-    if (!mkdtemp(folder)) return 1;
-    int failed = cmocka_run_group_tests(tests, NULL, NULL);
-    rmdir(folder);
-    return failed;
+    return cmocka_run_group_tests(tests, scratch_make, scratch_drop);
 }

@@ -24,10 +24,10 @@ import_me(return_it, "text \\" [Disc]");
 class Words(Case):
     def setUp(self):
         s = self.server()
-        uri = s.open("/tmp/lsp/words.salt", "")
+        uri = s.open("/nowhere/words.salt", "")
         items = s.at("completion", uri, "", 0)
         kind = {k: {i["label"] for i in items if i["kind"] == k} for k in (3, 14, 21, 25)}
-        uri = s.open("/tmp/lsp/attributes.salt", "[")
+        uri = s.open("/nowhere/attributes.salt", "[")
         self.attributes = {i["label"] for i in s.at("completion", uri, "[", 1)}
         self.keywords, self.types = kind[14], kind[25]
         self.constants = {w for w in kind[21] if w.isupper()}

@@ -62,7 +62,7 @@ class Edits(Case):
         done = 0
         while done < EDITS:
             text = rng.choice(sources)
-            uri = s.open(f"/tmp/edits/{rng.randrange(6)}.salt", text)
+            uri = s.open(f"/nowhere/{rng.randrange(6)}.salt", text)
             for _ in range(min(60, EDITS - done)):
                 done += 1
                 start, end, new = edit(rng, text)
@@ -90,7 +90,7 @@ class Edits(Case):
         for text in ["", "\0", "\ufeff", "\ufeffshader float main(float2 x) { return x.x; }", "\r", "{" * 10000, "(" * 10000, "a.b" * 5000,
                      "".join(chr(rng.randrange(1, 0xd000)) for _ in range(5000)), "float f(float x) { return f(f(x)); }\n" * 200,
                      "const int A = B; const int B = A;", "import a;\nimport a;", "[" * 500, "/*" * 100, '"' * 101, "x" * 100000]:
-            uri = s.open("/tmp/edits/junk.salt", text)
+            uri = s.open("/nowhere/junk.salt", text)
             for d in s.diagnostics(uri):
                 self.assertNotEqual("internal", d.get("code"), (d, text[:60]))
             s.at("hover", uri, text, len(text) // 2)
@@ -100,7 +100,7 @@ class Edits(Case):
 
     def test_a_file_beyond_the_limit_is_told(self):
         s = self.server()
-        uri = s.open("/tmp/edits/huge.salt", "// " + "x" * (17 << 20))
+        uri = s.open("/nowhere/huge.salt", "// " + "x" * (17 << 20))
         told = s.diagnostics(uri)
         self.assertEqual(1, len(told))
         self.assertEqual(1, told[0]["severity"])

@@ -44,7 +44,7 @@ def read_def(name):
 class Open(Case):
     def setUp(self):
         self.s = self.server()
-        self.uri = self.s.open("/tmp/lsp/f.salt", TEXT)
+        self.uri = self.s.open("/nowhere/f.salt", TEXT)
         self.assertEqual([], self.s.diagnostics(self.uri))
 
     def at(self, what, mark, offset=0, **more):
@@ -54,7 +54,7 @@ class Open(Case):
         return self.s.hover(self.uri, TEXT, mark, offset)
 
     def labels(self, text, at):
-        uri = self.s.open("/tmp/lsp/c.salt", text)
+        uri = self.s.open("/nowhere/c.salt", text)
         return [i["label"] for i in self.s.at("completion", uri, text, at)]
 
 
@@ -108,7 +108,7 @@ class Hover(Open):
             self.assertIn(row[2], self.labels(text, text.index(".;") + 1), row)
         for name in re.findall(r"^OTHER_WORD\((\w+)", (ROOT / "cli/lsp/words.def").read_text(), re.M):
             if name.isupper():
-                self.assertEqual([], self.s.diagnostics(self.s.open("/tmp/lsp/w.salt", f"const float a = {name};\n")), name)
+                self.assertEqual([], self.s.diagnostics(self.s.open("/nowhere/w.salt", f"const float a = {name};\n")), name)
 
 
 class Where(Open):
@@ -132,7 +132,7 @@ class Where(Open):
     def test_attributes_lead_to_their_functions(self):
         text = "float4 box(int i) { return float4(0.0); }\nfloat make(int i) { return 1.0; }\nparam float p[2] = init(make);\n" \
                "shader float main(float2 x) { float s = 0.0; [Cull(box)] for (int i = 0; i < 2; i++) s += p[i]; return s; }\n"
-        uri = self.s.open("/tmp/lsp/d.salt", text)
+        uri = self.s.open("/nowhere/d.salt", text)
         self.assertEqual(0, self.s.at("definition", uri, text, "box)]")["range"]["start"]["line"])
         self.assertEqual(1, self.s.at("definition", uri, text, "make);")["range"]["start"]["line"])
 

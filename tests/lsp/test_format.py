@@ -93,7 +93,7 @@ shader float main(float2 x)
 
 
 class Format(Case):
-    def format(self, text, path="/tmp/lsp/format.salt"):
+    def format(self, text, path="/nowhere/format.salt"):
         uri = self.s.open(path, text)
         edits = self.s.ask("textDocument/formatting", {"textDocument": {"uri": uri}, "options": {"tabSize": 2}})
         self.s.tell("textDocument/didClose", {"textDocument": {"uri": uri}})

@@ -76,7 +76,7 @@ SMALL = ["circle.salt", "kaleidoscope.salt", "gears.salt", "bands.salt", "grid.s
 class Reasons(Case):
     def test_every_reason(self):
         s = self.server()
-        uri = s.open("/tmp/lsp/gradient.salt", PROGRAM)
+        uri = s.open("/nowhere/gradient.salt", PROGRAM)
         self.assertEqual([], [d for d in s.diagnostics(uri) if d["severity"] == 1])
         for mark, text in CASES:
             got = s.hover(uri, PROGRAM, mark)
@@ -92,14 +92,14 @@ class Reasons(Case):
     def test_errors_and_files_without_a_shader(self):
         s = self.server()
         text = "param float a = 1.0;\nshader float main(float2 x) { return a * y; }\n"
-        self.assertIn("once the errors are mended", s.hover(s.open("/tmp/lsp/g1.salt", text), text, "a ="))
+        self.assertIn("once the errors are mended", s.hover(s.open("/nowhere/g1.salt", text), text, "a ="))
         text = "param float a = 1.0;\nfloat f() { return a; }\n"
-        self.assertIn("this file has none", s.hover(s.open("/tmp/lsp/g2.salt", text), text, "a ="))
+        self.assertIn("this file has none", s.hover(s.open("/nowhere/g2.salt", text), text, "a ="))
 
     def test_shaders_of_a_file_are_named(self):
         s = self.server()
         text = "param float a = 1.0;\nparam float b = 1.0;\nshader float one(float2 x) { return a; }\nshader float two(float2 x) { return a * b; }\n"
-        uri = s.open("/tmp/lsp/g3.salt", text)
+        uri = s.open("/nowhere/g3.salt", text)
         self.assertIn("In `one`, `two`.", s.hover(uri, text, "a ="))
         self.assertIn("In `two`.", s.hover(uri, text, "b ="))
 

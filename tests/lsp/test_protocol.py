@@ -47,7 +47,7 @@ class Lifecycle(Case):
     def test_what_is_offered_is_answered(self):
         s = self.server()
         offered = s.capabilities["capabilities"]
-        uri = s.open("/tmp/lsp/a.salt", GOOD)
+        uri = s.open("/nowhere/a.salt", GOOD)
         for name in offered:
             if not name.endswith("Provider"):
                 continue
@@ -114,7 +114,7 @@ class Jobs(Case):
         return [int(c) for f in glob.glob(f"/proc/{s.p.pid}/task/*/children") for c in Path(f).read_text().split()]
 
     def slow(self, s):
-        uri = s.open("/tmp/lsp/slow.salt", SLOW)
+        uri = s.open("/nowhere/slow.salt", SLOW)
         end = time.monotonic() + 60
         while time.monotonic() < end and not self.children(s):
             time.sleep(0.001)
@@ -197,7 +197,7 @@ class Places(Case):
 
     def columns(self, *args, **more):
         s = self.server(*args, **more)
-        uri = s.open("/tmp/lsp/p.salt", self.TEXT)
+        uri = s.open("/nowhere/p.salt", self.TEXT)
         return s, uri, [(d["range"]["start"]["line"], d["range"]["start"]["character"], d["range"]["end"]["character"]) for d in s.diagnostics(uri)]
 
     def test_places_are_utf_16_units(self):
@@ -216,7 +216,7 @@ class Places(Case):
 
     def test_places_beyond_the_text_are_its_end(self):
         s = self.server()
-        uri = s.open("/tmp/lsp/q.salt", GOOD)
+        uri = s.open("/nowhere/q.salt", GOOD)
         far = {"line": 9999, "character": 4294967295}
         s.change(uri, {"range": {"start": far, "end": far}, "text": "const int N = zzz;"})
         self.assertEqual([(1, 14)], [(d["range"]["start"]["line"], d["range"]["start"]["character"]) for d in s.diagnostics(uri)])
@@ -266,20 +266,20 @@ class Documents(Case):
             Path(folder + "/part.salt").write_text("const int K = 2;\n")
             s = self.server("-I", folder, "--set", "N=7")
             text = "import part;\nconst int N = 3;\nshader float main(float2 x) { return x.x * K * N; }\n"
-            uri = s.open("/tmp/lsp/i.salt", text)
+            uri = s.open("/nowhere/i.salt", text)
             self.assertEqual([], s.diagnostics(uri))
             self.assertIn("N = 7", s.hover(uri, text, "N = 3"))
 
     def test_a_module_without_a_shader_and_a_file_with_several_are_well(self):
         s = self.server()
-        self.assertEqual([], s.diagnostics(s.open("/tmp/lsp/m.salt", "float f(float x) { return x; }\n")))
+        self.assertEqual([], s.diagnostics(s.open("/nowhere/m.salt", "float f(float x) { return x; }\n")))
         two = "param float a = 0.5;\nshader float one(float2 x) { return x.x; }\nshader float two(float2 x) { if (x.x < a) return 1.0; return 0.0; }\n"
-        told = s.diagnostics(s.open("/tmp/lsp/t.salt", two))
+        told = s.diagnostics(s.open("/nowhere/t.salt", two))
         self.assertEqual(["W0401"], [d["code"] for d in told]) # of the second shader too
 
     def test_glsl_is_diagnosed_in_its_own_words(self):
         s = self.server()
-        uri = s.open("/tmp/lsp/a.frag", "void mainImage(out vec4 c, in vec2 p) { c = vec4(p, 0.0, q); }\n", "glsl")
+        uri = s.open("/nowhere/a.frag", "void mainImage(out vec4 c, in vec2 p) { c = vec4(p, 0.0, q); }\n", "glsl")
         told = s.diagnostics(uri)
         self.assertEqual([(1, 0)], [(d["severity"], d["range"]["start"]["line"]) for d in told])
         self.assertIn("`q`", told[0]["message"])
