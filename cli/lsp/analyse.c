@@ -18,7 +18,7 @@ static bool same_file(const Asset *a, const char *path, int kind, const struct s
 
 static bool probe(void *user, const char *path, const Symbol *of, uint32_t dims[4], uint32_t *ndims, const char **why) {
     Analysis *a = user;
-    static SltProgram stub; /* all that the probe asks of a program: its options, and a place for texts */
+    static SltProgram asks; /* all that the probe asks of a program: its options, and a place for texts */
     /* of a mesh positions and faces are different tables: what is there depends on the type */
     int kind = (int)(hash_bytes(of->type->name, strlen(of->type->name)) >> 1);
     struct stat st;
@@ -29,9 +29,9 @@ static bool probe(void *user, const char *path, const Symbol *of, uint32_t dims[
             *ndims = k->ndims;
             return true;
         }
-    stub.session = a->s;
-    stub.opt = (SltOptions)SLT_OPTIONS_INIT;
-    if (!api_probe_asset(&stub, path, of, dims, ndims, why)) return false;
+    asks.session = a->s;
+    asks.opt = (SltOptions)SLT_OPTIONS_INIT;
+    if (!api_probe_asset(&asks, path, of, dims, ndims, why)) return false;
     if (!there) return true;
     Asset *found = ARENA_NEW(&a->s->session, Asset);
     *found = (Asset){.path = arena_strndup(&a->s->session, path, strlen(path)),

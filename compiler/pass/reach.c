@@ -143,20 +143,20 @@ static Table table(const Reach *r, bool by_from) {
 
 typedef Vec(uint32_t) Ids;
 
-static void mark(Reach *r, Ids *todo, uint32_t id, uint8_t flag) {
+static void mark(Reach *r, Ids *pending, uint32_t id, uint8_t flag) {
     if (r->flags[id] & flag) return;
     r->flags[id] |= flag;
-    vec_push(r->arena, todo, id);
+    vec_push(r->arena, pending, id);
 }
 
-/* Spreads the flag from `todo` along the edges, or against them. */
-static void close(Reach *r, Ids *todo, uint8_t flag, bool forward, bool smooth) {
+/* Spreads the flag from `pending` along the edges, or against them. */
+static void close(Reach *r, Ids *pending, uint8_t flag, bool forward, bool smooth) {
     const Table *t = forward ? &r->out : &r->in;
-    while (todo->len) {
-        uint32_t id = todo->data[--todo->len];
+    while (pending->len) {
+        uint32_t id = pending->data[--pending->len];
         for (uint32_t k = t->at[id]; k < t->at[id + 1]; k++) {
             const Edge *e = &r->edges.data[t->edge[k]];
-            if (!smooth || e->kind == SMOOTH) mark(r, todo, forward ? e->to : e->from, flag);
+            if (!smooth || e->kind == SMOOTH) mark(r, pending, forward ? e->to : e->from, flag);
         }
     }
 }
@@ -187,26 +187,26 @@ Reach *reach_of(const Program *p, Arena *arena) {
     depend_sites(p->primal, NULL, sites);
     edges_in(r, p->primal->body);
     r->out = table(r, true), r->in = table(r, false);
-    Ids todo = {0};
+    Ids pending = {0};
     const Inst *outputs = p->primal->body->last;
-    for (uint32_t k = 0; k < outputs->nargs; k++) mark(r, &todo, outputs->args[k]->id, REACH_USED);
-    close(r, &todo, REACH_USED, false, false);
-    for (uint32_t k = 0; k < outputs->nargs; k++) mark(r, &todo, outputs->args[k]->id, REACH_OUTPUT);
-    close(r, &todo, REACH_OUTPUT, false, true);
+    for (uint32_t k = 0; k < outputs->nargs; k++) mark(r, &pending, outputs->args[k]->id, REACH_USED);
+    close(r, &pending, REACH_USED, false, false);
+    for (uint32_t k = 0; k < outputs->nargs; k++) mark(r, &pending, outputs->args[k]->id, REACH_OUTPUT);
+    close(r, &pending, REACH_OUTPUT, false, true);
     for (uint32_t id = 0; id < r->n; id++) {
         const Inst *i = r->inst[id];
         bool site = i && (i->op == OP_site || i->op == OP_siten);
         /* A skipped site stands behind its loop, and nothing uses it: its decision does. */
         bool used = site && (r->flags[id] & REACH_USED || p->primal->sites[i->imm.i].skip_loop);
-        if (used && sites[i->imm.i] & DEPENDS_X) mark(r, &todo, i->args[1]->id, REACH_BOUNDARY);
+        if (used && sites[i->imm.i] & DEPENDS_X) mark(r, &pending, i->args[1]->id, REACH_BOUNDARY);
     }
-    close(r, &todo, REACH_BOUNDARY, false, true);
+    close(r, &pending, REACH_BOUNDARY, false, true);
     for (int smooth = 0; smooth < 2; smooth++) {
         uint8_t flag = smooth ? REACH_VARIED : REACH_MOVES;
         for (uint32_t id = 0; id < r->n; id++)
             if (r->inst[id] && r->inst[id]->op == OP_param && reads_differentiable(p, r->inst[id]))
-                mark(r, &todo, id, flag);
-        close(r, &todo, flag, true, smooth);
+                mark(r, &pending, id, flag);
+        close(r, &pending, flag, true, smooth);
     }
     return r;
 }
