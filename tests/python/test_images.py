@@ -1,5 +1,6 @@
 """Images: arrays that stay arrays, pictures in memory and in files."""
 import copy
+import os
 import pickle
 
 from harness import *
@@ -84,6 +85,17 @@ class Files(Case):
         saltus.save_png(self.path("s.png"), slope, title="d/d radius")
         with open(self.path("s.png"), "rb") as file:
             self.assertEqual(file.read(), saltus.encode_png(slope, signed=True, title="d/d radius"))
+
+    def test_places(self):
+        """A link is followed, and what is no file stays what it is."""
+        saltus.save_png(self.path("s.png"), np.ones((1, 1, 3)))
+        os.symlink("s.png", self.path("link.png"))
+        saltus.save_png(self.path("link.png"), np.zeros((2, 2, 3)))
+        self.assertTrue(os.path.islink(self.path("link.png")))
+        self.assertEqual(saltus.read_image(self.path("s.png")).shape, (2, 2, 3))
+        os.symlink("/dev/full", self.path("full.png"))
+        self.refused("No space left", saltus.save_png, self.path("full.png"), np.ones((2, 2, 3)), kind=saltus.OutputError)
+        self.assertFalse(os.path.isfile("/dev/full"))
 
     def test_errors(self):
         self.refused("none/a.png", saltus.save_png, self.path("none/a.png"), np.ones((2, 2, 3)), kind=saltus.OutputError)

@@ -160,16 +160,19 @@ def save_png(path: str | os.PathLike, image, *, display: bool | None = None, tit
 
 
 def write_whole(path, data: bytes):
-    """The file appears whole or not at all."""
-    beside = f"{os.fspath(path)}.{os.getpid()}.tmp"
+    """The file appears whole or not at all; a link is followed, and what is no regular file is written to as it is."""
+    place = os.path.realpath(path)
+    beside = place if os.path.exists(place) and not os.path.isfile(place) else f"{place}.{os.getpid()}.tmp"
     try:
         with open(beside, "wb") as file:
             file.write(data)
             file.flush()
-            os.fsync(file.fileno())
-        os.replace(beside, path)
+            if beside != place:
+                os.fsync(file.fileno())
+        if beside != place:
+            os.replace(beside, place)
     except BaseException as error:
-        if os.path.exists(beside):
+        if beside != place and os.path.exists(beside):
             os.unlink(beside)
         if isinstance(error, OSError):
             raise OutputError(f"cannot write `{os.fspath(path)}`: {error.strerror}") from None
