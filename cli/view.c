@@ -19,13 +19,15 @@ static bool make_token(char token[HTTP_TOKEN + 1]) {
     return true;
 }
 
-static void say_address(const Cli *c, uint32_t port, const char *token) {
+static int say_address(const Cli *c, uint32_t port, const char *token) {
     if (c->json)
         printf("{\"url\": \"http://127.0.0.1:%u/?token=%s\", \"port\": %u, \"token\": \"%s\"}\n", port, token, port,
                token);
     else printf("http://127.0.0.1:%u/?token=%s\n", port, token);
-    fflush(stdout);
+    if (fflush(stdout) || ferror(stdout))
+        return cli_error(SLT_OUTPUT, "standard output could not be written, which says where the page is");
     if (!c->quiet && !c->json) fputs("saltus: the page is for this machine alone; Ctrl-C ends it\n", stderr);
+    return SLT_OK;
 }
 
 static void drain(int fd) {
@@ -78,10 +80,11 @@ static int view(Cli *c, Viewer *v, Served *s, const int pipe_ends[2]) {
     if (!c->expr && !files && !c->quiet)
         cli_say(CLI_WARNING, "watch", NULL, "the file cannot be watched: POST /compile does it");
     watch_wakes(pipe_ends[1]);
-    say_address(c, http_port(s->http), token);
-    serve(s, files, pipe_ends[0]);
+    int said = say_address(c, http_port(s->http), token);
+    if (said == SLT_OK) serve(s, files, pipe_ends[0]);
     watch_wakes(-1);
     files_free(files);
+    if (said != SLT_OK) return said;
     return s->over ? SLT_OK : SLT_INTERRUPTED;
 }
 

@@ -5,6 +5,7 @@ import os
 import signal
 import socket
 import struct
+import subprocess
 import time
 import unittest
 
@@ -397,6 +398,13 @@ class Ends(Case):
         for args, code in ((["b.salt"], 4), (["-"], 2), ([], 2), (["a.salt", "--param", "nothing=1"], 2), (["a.salt", "--entry", "nothing"], 2), (["a.salt", "--set", "N=1"], 2), (["a.salt", "--port", "0"], 2),
                            (["a.salt", "--port", "70000"], 2), (["a.salt", "-o", "a.png"], 2), (["a.salt", "--size", "8x8x8"], 2), (["a.salt", "--size", "5000"], 6), (["a.salt", "--target", "b.png"], 4), (["a.salt", "--integral"], 2)):
             self.assertEqual(self.run_cli("view", *args, code=code, stdin=b"").out, "", args)
+
+    def test_address_that_nobody_gets(self):
+        self.put("a.salt", CIRCLE)
+        with open("/dev/full", "wb") as full:
+            ended = subprocess.run([harness.BIN, "view", "a.salt"], cwd=self.dir, stdout=full, stderr=subprocess.PIPE, timeout=harness.HANGS)
+        self.assertEqual(ended.returncode, 5)
+        self.assertIn(b"standard output could not be written", ended.stderr)
 
     def test_expressions(self):
         v = self.view("--size", 8)
