@@ -57,6 +57,16 @@ static bool run_passes(CodeUnit *u) {
     return true;
 }
 
+static bool widen_masks(CodeUnit *u) {
+    if (u->o->target.vector_bytes >= 64) return true;
+    for (uint32_t i = 0; i < u->nfunctions; i++)
+        if (!masks_widen(u->ll, u->ctx, u->functions[i].f, u->o->target.vector_bytes)) {
+            fail(u, SLT_LIMIT, "out of memory");
+            return false;
+        }
+    return true;
+}
+
 static uint32_t count_instructions(const LlvmApi *ll, LLVMValueRef f) {
     uint32_t n = 0;
     for (LLVMBasicBlockRef b = ll->GetFirstBasicBlock(f); b; b = ll->GetNextBasicBlock(b))
@@ -179,7 +189,7 @@ void unit_emit(Session *s, CodeUnit *u) {
 
 void unit_write(Session *s, CodeUnit *u) {
     u->session = s;
-    if (!run_passes(u)) return;
+    if (!run_passes(u) || !widen_masks(u)) return;
     for (uint32_t i = 0; i < u->nfunctions; i++)
         u->instructions[u->functions[i].kernel] += count_instructions(u->ll, u->functions[i].f);
     write_module(u);

@@ -160,6 +160,9 @@ void emit_query(Emit *e, Inst *i);
 void emit_told(Emit *e, Inst *i);
 void emit_setup_told(Emit *e, const Inst *i); /* where the kernel begins, for the first of them */
 
+/* ---- masks.c: vectors of i1 that travel, as vectors of integers; false: memory is out */
+bool masks_widen(const LlvmApi *ll, LLVMContextRef ctx, LLVMValueRef f, uint32_t vector_bytes);
+
 /* ---- codegen.c: kernels that are one LLVM module, from IR to text, object or assembly. Kinds as for back_emit. */
 typedef struct CodeUnit {
     const LlvmApi *ll;

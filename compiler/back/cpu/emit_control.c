@@ -32,22 +32,6 @@ size_t emit_proj_count(const Inst *i) {
     return n;
 }
 
-static LLVMTypeRef wide_type(Emit *e) { return e->fn->precision == PREC_F64 ? e->t_i64 : e->t_i32; }
-static bool masks_are_vectors(const Emit *e) { return e->W > 1 && e->opt->target.vector_bytes < 64; }
-LLVMTypeRef emit_travelling_type(Emit *e) { return emit_vector_type(e, masks_are_vectors(e) ? wide_type(e) : e->t_i1); }
-
-void emit_widen(Emit *e, const Part *mask, Part *wide) {
-    for (uint32_t p = 0; p < e->P; p++)
-        wide[p] = masks_are_vectors(e) ? LL(BuildSExt)(e->b, mask[p], emit_travelling_type(e), "") : mask[p];
-}
-
-void emit_narrow(Emit *e, const Part *wide, Part *mask) {
-    for (uint32_t p = 0; p < e->P; p++)
-        mask[p] = masks_are_vectors(e)
-                      ? LL(BuildICmp)(e->b, LLVMIntSLT, wide[p], LL(ConstNull)(emit_travelling_type(e)), "")
-                      : wide[p];
-}
-
 void emit_control(Emit *e, Inst *i) {
     if (i->op == OP_if_) emit_if(e, i);
     else emit_loop(e, i);

@@ -1,5 +1,5 @@
-/* What the files of structured control flow share: results side by side with what they stand for, and masks that travel
- * between blocks. Only the files of ifs and loops include this. */
+/* What the files of structured control flow share: results side by side with what they stand for.
+ * Only the files of ifs and loops include this. */
 #ifndef SALTUS_BACK_CPU_EMIT_CONTROL_H
 #define SALTUS_BACK_CPU_EMIT_CONTROL_H
 
@@ -13,12 +13,6 @@ Part *emit_new_parts(Emit *e);                       /* room for P of them */
 /* The results of s one after the other: the first for p == NULL, NULL after the last. */
 const Inst *emit_next_proj(const Inst *s, const Inst *p);
 size_t emit_proj_count(const Inst *i);
-
-/* A mask that crosses blocks: before AVX-512 vectors of i1 are kept as narrow integers there, with a pack and an unpack
- * at every use, so such a mask travels as integers of the width of its floats, whose signs blend directly. */
-LLVMTypeRef emit_travelling_type(Emit *e);
-void emit_widen(Emit *e, const Part *mask, Part *wide);
-void emit_narrow(Emit *e, const Part *wide, Part *mask);
 
 void emit_if(Emit *e, Inst *i);
 void emit_loop(Emit *e, Inst *i);

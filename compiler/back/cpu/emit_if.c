@@ -43,13 +43,11 @@ static void emit_if_jump(Emit *e, Inst *i) {
 /* Runs one side under `mask`, behind a test whether any lane wants it, which is the end of block *from. Leaves the
  * builder at the end of the side; the caller branches to the block that is returned. */
 static LLVMBasicBlockRef emit_side(Emit *e, Inst *i, uint32_t side, Part *mask, LLVMBasicBlockRef *from) {
-    Part *outer = e->mask, wide[BACK_MAX_PARTS];
-    emit_widen(e, mask, wide);
+    Part *outer = e->mask;
     *from = emit_here(e);
     LLVMBasicBlockRef region = emit_new_block(e, side ? "else" : "then"), join = emit_new_block(e, "join");
     LL(BuildCondBr)(e->b, emit_any(e, mask), region, join);
     emit_at(e, region);
-    emit_narrow(e, wide, mask);
     e->mask = mask;
     emit_block(e, i->region[side]);
     e->mask = outer;
@@ -91,13 +89,11 @@ static void emit_if_one_sided(Emit *e, Inst *i, const Part *cond, uint32_t full)
 /* Both sides do work: each behind its own test; where a side was skipped its value is never selected. */
 static void emit_if_two_sided(Emit *e, Inst *i, const Part *cond) {
     const size_t n = emit_proj_count(i) * e->P + 1;
-    Part *x[2], wide_cond[BACK_MAX_PARTS], again[BACK_MAX_PARTS];
-    emit_widen(e, cond, wide_cond);
+    Part *x[2];
     for (uint32_t s = 0; s < 2; s++) {
         x[s] = ARENA_ARRAY(e->arena, Part, n);
         Part *mask = emit_new_parts(e);
-        if (s) emit_narrow(e, wide_cond, again);
-        for (uint32_t p = 0; p < e->P; p++) mask[p] = s ? LL(BuildNot)(e->b, again[p], "") : cond[p];
+        for (uint32_t p = 0; p < e->P; p++) mask[p] = s ? LL(BuildNot)(e->b, cond[p], "") : cond[p];
         emit_and_mask(e, mask, mask);
         LLVMBasicBlockRef from, join = emit_side(e, i, s, mask, &from);
         Part *at = x[s];
@@ -117,12 +113,11 @@ static void emit_if_two_sided(Emit *e, Inst *i, const Part *cond) {
             }
     }
     const Part *a = x[0], *b = x[1];
-    emit_narrow(e, wide_cond, again);
     for (const Inst *p = emit_next_proj(i, NULL); p; p = emit_next_proj(i, p), a += e->P, b += e->P) {
         if (!emit_is_vector(e, p)) /* the same uniform value on both sides, from outside */
             emit_slot(e, p)[0] = emit_scalar(e, ir_yield_of(i->region[0])->args[p->imm.i]);
         for (uint32_t k = 0; emit_is_vector(e, p) && k < e->P; k++)
-            emit_slot(e, p)[k] = LL(BuildSelect)(e->b, again[k], a[k], b[k], "");
+            emit_slot(e, p)[k] = LL(BuildSelect)(e->b, cond[k], a[k], b[k], "");
     }
 }
 

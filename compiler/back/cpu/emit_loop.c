@@ -47,7 +47,7 @@ static void new_join(Emit *e, const LoopState *s, bool latch, Join *to) {
     if (latch) {
         to->go = emit_phi(e, e->t_i1, "go");
         to->live = emit_new_parts(e);
-        if (s->diverges) loop_new_phis(e, emit_travelling_type(e), e->P, to->live);
+        if (s->diverges) loop_new_phis(e, emit_vector_type(e, e->t_i1), e->P, to->live);
     }
     for (uint32_t r = 0; r < s->n; r++) {
         const Carried *c = &s->carried[r];
@@ -122,7 +122,6 @@ static void loop_head(Emit *e, LoopState *s, Path *loop) {
     Part(*init)[BACK_MAX_PARTS] = arena_alloc(e->arena, (s->n + 1) * sizeof *init), on[BACK_MAX_PARTS];
     for (uint32_t r = 0; r < s->n; r++) emit_result_parts(e, i->args[r], s->carried[r].vector, init[r]);
     for (uint32_t p = 0; s->diverges && p < e->P; p++) on[p] = e->mask ? e->mask[p] : emit_all_on(e);
-    if (s->diverges) emit_widen(e, on, on);
     LLVMBasicBlockRef from = emit_here(e);
     s->head = emit_new_block(e, "loop");
     LL(BuildBr)(e->b, s->head);
@@ -143,7 +142,7 @@ static void loop_head(Emit *e, LoopState *s, Path *loop) {
             emit_incoming(e, h->result.v[k], LL(ConstNull)(loop_result_type(e, c)), from);
     }
     if (s->diverges) {
-        loop_new_phis(e, emit_travelling_type(e), e->P, loop->live = loop->on = emit_new_parts(e));
+        loop_new_phis(e, emit_vector_type(e, e->t_i1), e->P, loop->live = loop->on = emit_new_parts(e));
         for (uint32_t k = 0; k < e->P; k++) emit_incoming(e, loop->live[k], on[k], from);
     }
     loop->alike = loop->some = true;
@@ -172,15 +171,13 @@ static void loop_latch(Emit *e, LoopState *s, const Path *head) {
         if (c->apart) add_to(e, head->held[r].result.v, e->P, h->result.v);
     }
     emit_at(e, last);
-    Part live[BACK_MAX_PARTS];
-    if (s->diverges) emit_narrow(e, s->latch.live, live);
     for (uint32_t r = 0; r < s->n; r++) {
         const Carried *c = &s->carried[r];
         Held *h = &s->latch.held[r];
         if (!c->apart) continue;
         for (uint32_t k = 0; k < e->P; k++)
-            h->result.v[k] = LL(BuildSelect)(e->b, live[k], c->vector ? h->next.v[k] : emit_splat(e, h->next.v[0]),
-                                             h->result.v[k], "");
+            h->result.v[k] = LL(BuildSelect)(
+                e->b, s->latch.live[k], c->vector ? h->next.v[k] : emit_splat(e, h->next.v[0]), h->result.v[k], "");
     }
     loop_to_done(e, s, s->latch.held);
     LL(BuildBr)(e->b, s->done.at);

@@ -31,7 +31,7 @@ typedef struct Held {
 typedef struct Join {
     LLVMBasicBlockRef at;
     Part go;    /* latch: the uniform part of the flag */
-    Part *live; /* latch: travelling */
+    Part *live; /* latch: the lanes that go on */
     Held *held;
 } Join;
 
@@ -57,7 +57,7 @@ enum { MAX_STEPS = 8 };
 typedef struct Path {
     Step step[MAX_STEPS];
     uint32_t nsteps;
-    Part *on, *live; /* travelling masks: the lanes that execute here, and those inside the loop, others than these
+    Part *on, *live; /* the lanes that execute here, and those inside the loop, others than these
                         have skipped what is here. NULL: the loop does not diverge */
     bool alike;      /* on and live are the same */
     bool some;       /* live is known not to be empty */
@@ -70,7 +70,7 @@ LLVMTypeRef loop_result_type(Emit *e, const Carried *c); /* of vectors */
 uint32_t loop_next_parts(const Emit *e, const Carried *c);
 Held *loop_copy_held(Emit *e, const LoopState *s, const Held *from);
 void loop_new_phis(Emit *e, LLVMTypeRef t, uint32_t n, Part *out);
-/* The edges from here: values, and of the latch the lanes that are left (travelling; NULL: the loop does not diverge)
+/* The edges from here: values, and of the latch the lanes that are left (NULL: the loop does not diverge)
  * and the uniform part of the flag (NULL: true). The branch is the caller's. */
 void loop_to_done(Emit *e, const LoopState *s, const Held *h);
 void loop_to_latch(Emit *e, const LoopState *s, const Part *live, Part go, const Held *h);

@@ -161,10 +161,11 @@ static void take(Emit *e, const Part *mask, const Inst *v, bool vector, Kept *to
 }
 
 static void end_path(Emit *e, LoopState *s, Path *p) {
-    Part on[BACK_MAX_PARTS], live[BACK_MAX_PARTS], travelling[BACK_MAX_PARTS];
+    Part live[BACK_MAX_PARTS];
+    const Part *on = p->on;
     Flag f = {0};
     and_flag(e, p, s->yield->args[0], false, false, &f);
-    if (s->diverges) emit_narrow(e, p->on, on), emit_narrow(e, p->live, live);
+    if (s->diverges) memcpy(live, p->live, e->P * sizeof *live);
     for (uint32_t r = 0; r < s->n; r++) {
         const Carried *c = &s->carried[r];
         if (!loop_needed(c)) continue;
@@ -184,15 +185,13 @@ static void end_path(Emit *e, LoopState *s, Path *p) {
         Part stays = p->alike ? f.lanes[k] : LL(BuildOr)(e->b, f.lanes[k], LL(BuildNot)(e->b, on[k], ""), "");
         live[k] = LL(BuildAnd)(e->b, live[k], stays, "");
     }
-    if (f.varies) emit_widen(e, live, travelling);
-    else memcpy(travelling, p->live, sizeof travelling);
     if (f.varies || !p->some) {
         Part any = emit_any(e, live);
         loop_to_done(e, s, p->held);
-        loop_to_latch(e, s, travelling, f.scalar, p->held);
+        loop_to_latch(e, s, live, f.scalar, p->held);
         LL(BuildCondBr)(e->b, any, s->latch.at, s->done.at);
     } else {
-        loop_to_latch(e, s, travelling, f.scalar, p->held);
+        loop_to_latch(e, s, live, f.scalar, p->held);
         LL(BuildBr)(e->b, s->latch.at);
     }
 }
@@ -207,12 +206,10 @@ static bool changes(const LoopState *s, const Path *p, const Path *skip, uint32_
 /* Lanes aside leave, which is rare and dear: only where some do, they take what they leave with, and it is asked
  * whether any stays. The builder stands in the region then. */
 static void leave_apart(Emit *e, LoopState *s, Path *p, const Path *skip, Part *aside, LLVMBasicBlockRef region) {
-    Part on[BACK_MAX_PARTS], live[BACK_MAX_PARTS], wide[BACK_MAX_PARTS];
+    Part on[BACK_MAX_PARTS], live[BACK_MAX_PARTS];
     LLVMBasicBlockRef from = emit_here(e), leave = emit_new_block(e, "leave");
-    emit_widen(e, aside, wide);
     LL(BuildCondBr)(e->b, emit_any(e, aside), leave, region);
     emit_at(e, leave);
-    emit_narrow(e, wide, aside), emit_narrow(e, p->on, on), emit_narrow(e, p->live, live);
     Held *held = loop_copy_held(e, s, p->held);
     for (uint32_t r = 0; r < s->n; r++) {
         const Carried *c = &s->carried[r];
@@ -221,16 +218,15 @@ static void leave_apart(Emit *e, LoopState *s, Path *p, const Path *skip, Part *
     }
     for (uint32_t k = 0; k < e->P; k++) {
         Part not = LL(BuildNot)(e->b, aside[k], "");
-        on[k] = LL(BuildAnd)(e->b, on[k], not, ""), live[k] = LL(BuildAnd)(e->b, live[k], not, "");
+        on[k] = LL(BuildAnd)(e->b, p->on[k], not, ""), live[k] = LL(BuildAnd)(e->b, p->live[k], not, "");
     }
     Part any = emit_any(e, live), *old_on = p->on, *old_live = p->live;
-    emit_widen(e, on, on), emit_widen(e, live, live);
     loop_to_done(e, s, held);
     LL(BuildCondBr)(e->b, any, region, s->done.at);
     emit_at(e, region);
-    loop_new_phis(e, emit_travelling_type(e), e->P, p->on = emit_new_parts(e));
+    loop_new_phis(e, emit_vector_type(e, e->t_i1), e->P, p->on = emit_new_parts(e));
     if (p->alike) p->live = p->on;
-    else loop_new_phis(e, emit_travelling_type(e), e->P, p->live = emit_new_parts(e));
+    else loop_new_phis(e, emit_vector_type(e, e->t_i1), e->P, p->live = emit_new_parts(e));
     for (uint32_t k = 0; k < e->P; k++) {
         emit_incoming(e, p->on[k], old_on[k], from), emit_incoming(e, p->on[k], on[k], leave);
         if (p->alike) continue;
@@ -255,8 +251,9 @@ static void step_into(Emit *e, LoopState *s, Path *p, Inst *last, uint32_t side,
     Path skip = *p;
     skip.step[skip.nsteps++] = (Step){last, !side};
     p->step[p->nsteps++] = (Step){last, side};
-    Part on[BACK_MAX_PARTS], live[BACK_MAX_PARTS], wants[BACK_MAX_PARTS], aside[BACK_MAX_PARTS];
-    emit_narrow(e, p->on, on), emit_narrow(e, p->live, live);
+    Part live[BACK_MAX_PARTS], aside[BACK_MAX_PARTS], *wants = emit_new_parts(e);
+    const Part *on = p->on;
+    memcpy(live, p->live, e->P * sizeof *live);
     for (uint32_t k = 0; k < e->P; k++) {
         Part cond = emit_slot(e, last->args[0])[k], not = LL(BuildNot)(e->b, cond, "");
         wants[k] = LL(BuildAnd)(e->b, on[k], side ? not : cond, "");
@@ -283,14 +280,13 @@ static void step_into(Emit *e, LoopState *s, Path *p, Inst *last, uint32_t side,
             else take(e, blends ? on : NULL, v, c->vector, &h->next);
         }
     }
-    p->on = emit_new_parts(e);
-    emit_widen(e, wants, p->on);
+    p->on = wants;
     if (other == LEAVES) {
         if (p->alike) {
             p->live = p->on;
         } else {
             p->live = emit_new_parts(e);
-            emit_widen(e, live, p->live);
+            memcpy(p->live, live, e->P * sizeof *live);
         }
         p->some = false;
     } else {
@@ -316,7 +312,7 @@ static void step_into(Emit *e, LoopState *s, Path *p, Inst *last, uint32_t side,
 
 void loop_path(Emit *e, LoopState *s, Path *p, Block *b) {
     Part *outer = e->mask;
-    if (s->diverges) emit_narrow(e, p->on, e->mask = emit_new_parts(e));
+    if (s->diverges) e->mask = p->on;
     Inst *last = s->diverges ? last_if(e, b) : NULL;
     emit_range(e, b->first, last);
     for (uint32_t side = 0; last && !e->error && side < 2; side++) {
