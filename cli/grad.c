@@ -299,9 +299,10 @@ static int grad_images(Cli *c, SltProgram *p) {
         Progress pr;
         progress_begin(&pr, c, "grad");
         c->job.progress = progress_job, c->job.progress_user = &pr;
-        status = slt_render(p, &c->job, primal, NULL, &err);
         memset(crossings, 0, pixels * sizeof *crossings);
-        if (status == SLT_OK) status = effort_images(c, p, n, dir, out, crossings, &stats, &err);
+        /* Derivatives first: they compile the kernel of values beside their own, which a render would compile alone. */
+        status = effort_images(c, p, n, dir, out, crossings, &stats, &err);
+        if (status == SLT_OK) status = slt_render(p, &c->job, primal, NULL, &err);
         progress_end(&pr);
         for (uint32_t k = 0; k < ch; k++) image_set_name(&im, (int)k, report_channel(ch, k));
         for (uint32_t d = 0; d < n; d++)

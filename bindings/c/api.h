@@ -233,6 +233,8 @@ GivenSizes api_given_sizes; /* of opt.lengths */
 
 /* ---- kernels.c: facts of the program */
 uint64_t api_event_bound(const SltProgram *p);                /* the most events that one sample may meet */
+/* What the scene knows before any kernel is compiled: kinds of sites, lists, geometries. */
+SltStatus api_site_facts(SltProgram *p, SltError *err);
 bool api_too_many_sites(const SltProgram *p);                 /* written out, to compile what looks for boundaries */
 uint32_t api_adjoint_lanes(const SltProgram *p);              /* SltScene.adj_lanes */
 BackOptions api_compiled_with(const SltProgram *p, int kind); /* of a kernel that was compiled, as if alone */

@@ -52,6 +52,8 @@ static SltStatus settle(ApiCall *c) {
     if (paper && c->job.estimator == SLT_EST_QUADRATURE)
         return status_fail(c->err, SLT_USAGE,
                            "quadrature has no use for the paper's variants: leave them, or the estimator");
+    if (c->job.estimator == SLT_EST_AUTO) s = api_site_facts(c->p, c->err);
+    if (s != SLT_OK) return s;
     if (c->job.estimator == SLT_EST_AUTO &&
         (paper || api_too_many_sites(c->p) || !slt_estimate_has_choice(&c->p->scene, &c->job)))
         c->job.estimator = SLT_EST_LATTICE;

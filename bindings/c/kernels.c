@@ -318,6 +318,20 @@ static void build_body(Session *s, void *arg) {
             p->cull_kernels[c] = back_kernel(m, arena_printf(&s->module, "cull%u", c));
 }
 
+static void site_tables_body(Session *s, void *program) {
+    SltProgram *p = program;
+    (void)s;
+    if (!p->site_kind) site_tables(p);
+}
+
+SltStatus api_site_facts(SltProgram *p, SltError *err) {
+    if (!p->prog) return status_fail(err, SLT_USAGE, "the program did not compile");
+    int unwound = session_protect(p->session, site_tables_body, p);
+    if (unwound) return status_fail(err, (SltStatus)unwound, "%s", p->session->unwind_text);
+    fill_scene(p);
+    return SLT_OK;
+}
+
 bool api_too_many_sites(const SltProgram *p) { return !p->opt.interpret && p->prog->primal->nsites > MOST_SITES; }
 
 /* Where boundaries are looked for; images, and f's own derivative, take any number of sites. */

@@ -260,6 +260,12 @@ class Images(Case):
         self.run_cli("render", "c.salt", "--size", "24x16", "--spp", 16, "-o", "p.exr")
         self.assertEqual(read_exr(self.get("p.exr"))[1]["R"], planes["R"])
 
+    def test_one_compilation(self):
+        """The image's own kernel is compiled beside those of derivatives, not before them."""
+        self.put("c.salt", CIRCLE)
+        self.run_cli("grad", "c.salt", "--wrt", "radius", "--size", "8", "--spp", "1", "--estimator", "lattice", "-o", "g.npy")
+        self.assertEqual(len(os.listdir(self.path("cache/saltus"))), 1)
+
     def test_wrt_component(self):
         self.put("d.salt", """struct D { float2 centre; float radius; };
 D f(int i) { D d = { float2(0.2 * i, 0.5), 0.1 }; return d; }
