@@ -5,6 +5,7 @@
 #include "bindings/c/derived.h"
 #include "bindings/c/place.h"
 #include "compiler/pass/walk.h"
+#include "runtime/base/threads.h"
 
 static bool by_cells(const SltJob *j) { return j->estimator == SLT_EST_QUADRATURE || j->estimator == SLT_EST_AUTO; }
 
@@ -41,8 +42,16 @@ static void gradient_needs(const SltProgram *p, const SltJob *j, bool forward, b
     needs[forward ? K_SITE_JVP : K_SITE_VJP] = true;
 }
 
-/* Kernels of cells. Bounds come first, alone: they may say that the others are not needed. These are a module of their
- * own as well: where SLT_EST_AUTO turns to the lattice after all, its kernels are as wide as without them. */
+/* May the kernels of edges be compiled before it is known that they are needed? Of a small program they take as long as
+ * those of bounds; of a large one, ten times as long. */
+static bool small_edges(const ApiCall *c) {
+    enum { SMALL = 64 }; /* instructions */
+    return walk_fn_size(c->p->prog->primal) <= SMALL && pool_threads(c->job.threads, 2) > 1;
+}
+
+/* Kernels of cells. Bounds come first: they may say that the others are not needed, which are compiled beside them
+ * where a core would wait else. These are a module of their own as well: where SLT_EST_AUTO turns to the lattice after
+ * all, its kernels are as wide as without them. */
 static SltStatus settle(ApiCall *c) {
     static const bool bounds[K_KINDS] = {[K_BOUNDS] = true},
                       cells[K_KINDS] = {[K_BOUNDS] = true, [K_EDGE] = true, [K_EDGE_BOUNDS] = true};
@@ -58,7 +67,7 @@ static SltStatus settle(ApiCall *c) {
         (paper || api_too_many_sites(c->p) || !slt_estimate_has_choice(&c->p->scene, &c->job)))
         c->job.estimator = SLT_EST_LATTICE;
     if (c->job.estimator == SLT_EST_AUTO) {
-        s = api_call_kernels(c, bounds);
+        s = api_call_kernels(c, small_edges(c) ? cells : bounds);
         if (s == SLT_OK) c->job.estimator = slt_estimate_choose(&c->p->scene, &c->job, c->stats);
     }
     return s == SLT_OK && by_cells(&c->job) ? api_call_kernels(c, cells) : s;

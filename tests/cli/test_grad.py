@@ -266,6 +266,15 @@ class Images(Case):
         self.run_cli("grad", "c.salt", "--wrt", "radius", "--size", "8", "--spp", "1", "--estimator", "lattice", "-o", "g.npy")
         self.assertEqual(len(os.listdir(self.path("cache/saltus"))), 1)
 
+    def test_edges_beside_bounds(self):
+        """Kernels of edges of a small program are compiled with those of bounds, where a core is free; with the same result."""
+        self.put("c.salt", CIRCLE)
+        got = []
+        for threads, compilations in (1, 3), (2, 4):  # bounds, edges, the rest; beside them bounds with edges
+            got.append(self.json_cli("grad", "c.salt", "--integral", "--threads", threads)["gradient"])
+            self.assertEqual(len(os.listdir(self.path("cache/saltus"))), compilations)
+        self.assertEqual(got[0], got[1])
+
     def test_wrt_component(self):
         self.put("d.salt", """struct D { float2 centre; float radius; };
 D f(int i) { D d = { float2(0.2 * i, 0.5), 0.1 }; return d; }
