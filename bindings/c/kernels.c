@@ -312,6 +312,7 @@ static void build_body(Session *s, void *arg) {
         p->module_of[k] = m;
         uint32_t width = back_width(m, kernel_names[k]);
         if (width > p->scene.widest) p->scene.widest = width;
+        if (k == K_VALUE && p->opt.rgba8) p->value_branches = back_branches(set.fn[k], &p->target, width);
     }
     if (q->cull)
         for (uint32_t c = 0; c < p->prog->ncull; c++)

@@ -72,6 +72,10 @@ WidthChoice back_width_choice(const KernelRequest *k, uint32_t j, const BackOpti
  * place; the adjoints of those read only at varying indices go to the log. Are there any? */
 bool back_dense_adjoints(Fn *fn, uint8_t *dense);
 
+/* Do lanes of this kernel, `width` of them, part at branches, or search along rays? Then those that want the same had
+ * better be side by side. */
+bool back_branches(Fn *fn, const Target *target, uint32_t width);
+
 typedef struct CompiledModule CompiledModule;
 /* How many sums a parameter SltKernelArgs.adj has. Of ADJ_LANES as many as fill a cache line, or the width if it is
  * less. */

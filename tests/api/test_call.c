@@ -124,30 +124,41 @@ static void own_integers(void **state) {
     slt_program_free(p), slt_program_free(bytes);
 }
 
-/* 8-bit pixels of every shape: each is shaded in its place, whole squares and what is left of them. */
+/* 8-bit pixels of every shape, also where lanes branch: each is shaded in its place, whole squares and what is left of
+ * them, in an image that lies anywhere, and nothing beside it. */
 static void shapes_of_pixels(void **state) {
     (void)state;
     static const uint32_t shape[][2] = {{1, 1}, {7, 9}, {8, 8}, {16, 3}, {1, 40}, {1025, 8}, {1032, 9}, {129, 17}};
-    for (int k = 0; k < 16; k++) {
+    static const char *const source[] = {
+        "[Display] shader float3 main(float2 x) { int2 q = pixel();\n"
+        "return float3(float(q.x % 256), float(q.y % 256), floor(255.0 * x.x)) / 255.0; }",
+        "[Display] shader float3 main(float2 x) { int2 q = pixel(); int n = q.x % 5, k = 0;\n"
+        "for (int i = 0; i < n; i++) k += 1 + q.x;\n"
+        "return float3(float(k - n * q.x + q.x - n) / 255.0, float(q.y % 256) / 255.0, floor(255.0 * x.x) / 255.0); }"};
+    enum { BEHIND = 64, UNTOUCHED = 7 };
+    for (int k = 0; k < 32; k++) {
         SltOptions opt = SLT_OPTIONS_INIT;
         opt.rgba8 = true, opt.f64 = k & 1;
-        SltProgram *p = compile_with("[Display] shader float3 main(float2 x) { int2 q = pixel();\n"
-                                     "return float3(float(q.x % 256), float(q.y % 256), floor(255.0 * x.x)) / 255.0; }",
-                                     opt);
-        const uint32_t *n = shape[k / 2];
+        SltProgram *p = compile_with(source[k >> 1 & 1], opt);
+        const uint32_t *n = shape[k / 4];
+        const size_t size = (size_t)n[0] * n[1];
         SltJob job = SLT_JOB_INIT;
         SltError err;
         job.size[0] = n[0], job.size[1] = n[1];
-        uint32_t *pixels = calloc((size_t)n[0] * n[1], sizeof *pixels);
+        uint32_t *memory = calloc(size + 1 + BEHIND, sizeof *memory), *pixels = memory + 1;
+        for (uint32_t i = 0; i < BEHIND; i++) pixels[size + i] = UNTOUCHED;
         assert_ok(slt_render_rgba8(p, &job, pixels, NULL, &err));
         for (uint32_t y = 0; y < n[1]; y++)
             for (uint32_t x = 0; x < n[0]; x++) {
                 uint32_t c = pixels[(size_t)y * n[0] + x];
                 double blue = floor(255 * (x + 0.5) / n[0]);
-                assert_int_equal(c & 0xffff, (x & 255) | (y & 255) << 8);
+                uint32_t red = k & 2 ? x < 255 ? x : 255 : x & 255;
+                assert_int_equal(c & 0xffff, red | (y & 255) << 8);
                 assert_true(fabs((c >> 16 & 255) - blue) <= 1);
             }
-        free(pixels);
+        for (uint32_t i = 0; i < BEHIND; i++) assert_int_equal(pixels[size + i], UNTOUCHED);
+        assert_int_equal(memory[0], 0);
+        free(memory);
         slt_program_free(p);
     }
 }

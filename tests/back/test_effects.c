@@ -97,6 +97,7 @@ static void test_rgba8(void **state) {
     _Alignas(64) float x[N], y[N];
     _Alignas(64) uint32_t out[N];
     for (int i = 0; i < N; i++) x[i] = (float)i / 32 - 0.5f, y[i] = i == 7 ? __builtin_nanf("") : 1 - (float)i / 63;
+    x[3] = HUGE_VALF, x[4] = 1e30f, x[5] = -HUGE_VALF, x[6] = nextafterf(1, 0);
     for (uint32_t w = 1; w <= 32; w *= 4)
         for (uint32_t channels = 1; channels <= 3; channels += 2) {
             Session *s = session_create(0);
@@ -283,6 +284,35 @@ static void test_files(void **state) {
     session_destroy(s);
 }
 
+/* More values at once than there are registers: each is stored and read back as one cache line has it, not across two
+ * as chance places the stack. */
+static void test_spills_are_aligned(void **state) {
+    (void)state;
+    enum { VALUES = 80 };
+    static const char *const target[] = {"avx512", "avx2", "sse2"}, *const align[] = {"andq\t$-64, %rsp",
+                                                                                      "andq\t$-32, %rsp", NULL};
+    for (int t = 0; t < 3; t++) {
+        Session *s = session_create(0);
+        Fn *fn = ir_fn(s, &s->module, "p", PREC_F32);
+        Builder b = ir_at_end(fn, fn->body);
+        Inst *x = ir_input(&b, IN_X0), *v[VALUES], *sum = x;
+        for (int i = 0; i < VALUES; i++) v[i] = x = ir_emit1(&b, OP_fsqrt, x);
+        for (int i = 0; i < VALUES; i++) sum = ir_emit2(&b, OP_fdiv, sum, v[i]);
+        ir_yield(&b, 1, &sum);
+        BackOptions o = {.width = 16, .opt_level = 2};
+        assert_true(target_named(&o.target, target[t]));
+        KernelRequest k = {"kernel", fn};
+        const char *why = "";
+        unsigned char *bytes;
+        size_t size;
+        assert_int_equal(back_emit(s, &k, 1, &o, 's', &bytes, &size, &why), 0);
+        if (align[t]) assert_non_null(memmem(bytes, size, align[t], strlen(align[t])));
+        else assert_null(memmem(bytes, size, "andq\t$-", 7));
+        free(bytes);
+        session_destroy(s);
+    }
+}
+
 static void test_bad_requests(void **state) {
     (void)state;
     Session *s = session_create(0);
@@ -390,11 +420,11 @@ static void test_choose_width(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_print_and_count), cmocka_unit_test(test_rgba8),
-        cmocka_unit_test(test_srgb8),           cmocka_unit_test(test_tape_limit),
-        cmocka_unit_test(test_files),           cmocka_unit_test(test_bad_requests),
-        cmocka_unit_test(test_target_runs),     cmocka_unit_test(test_choose_width),
-        cmocka_unit_test(test_notes),
+        cmocka_unit_test(test_print_and_count),    cmocka_unit_test(test_rgba8),
+        cmocka_unit_test(test_spills_are_aligned), cmocka_unit_test(test_srgb8),
+        cmocka_unit_test(test_tape_limit),         cmocka_unit_test(test_files),
+        cmocka_unit_test(test_bad_requests),       cmocka_unit_test(test_target_runs),
+        cmocka_unit_test(test_choose_width),       cmocka_unit_test(test_notes),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -186,3 +186,21 @@ bool back_keeps_itself(const Plan *plan, const Inst *v, const Inst *c) {
     if (form != IF_THEN_ONLY && form != IF_ELSE_ONLY) return false;
     return back_keeps_itself(plan, ir_yield_of(i->region[form == IF_THEN_ONLY])->args[v->imm.i], c);
 }
+
+static bool branches(const Plan *plan, const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_query) return true;
+        if (i->flags & BACK_DIVERGES && (i->op != OP_if_ || back_if_form(plan, i) != IF_BLEND)) return true;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (branches(plan, i->region[r])) return true;
+    }
+    return false;
+}
+
+bool back_branches(Fn *fn, const Target *target, uint32_t width) {
+    ArenaMark m = arena_mark(&fn->session->scratch);
+    Plan plan = back_plan(fn, target, width);
+    bool any = branches(&plan, fn->body);
+    arena_reset(&fn->session->scratch, m);
+    return any;
+}

@@ -408,6 +408,11 @@ static void add_attribute(Emit *e, const char *key, const char *value) {
         LL(CreateStringAttribute)(e->ctx, key, (unsigned)strlen(key), value, (unsigned)strlen(value)));
 }
 
+/* Registers that are spilled take vector_bytes each, and LLVM aligns the stack for them only if it is told so before it
+ * knows that any will be: else they lie across two cache lines, every one or every other, as chance places the stack.
+ */
+enum { STACK_ALIGN = 16 /* of a caller */ };
+
 static void declare_kernel(Emit *e, const char *name) {
     LLVMTypeRef params[2] = {e->t_ptr, e->t_i32};
     e->func = LL(AddFunction)(e->mod, name, LL(FunctionType)(e->t_void, params, 2, false));
@@ -415,6 +420,11 @@ static void declare_kernel(Emit *e, const char *name) {
     LL(AddAttributeAtIndex)(e->func, (LLVMAttributeIndex)LLVMAttributeFunctionIndex,
                             LL(CreateEnumAttribute)(e->ctx, nounwind, 0));
     const Target *t = &e->opt->target;
+    if (e->W > 1 && t->vector_bytes > STACK_ALIGN) {
+        unsigned align = LL(GetEnumAttributeKindForName)("alignstack", 10);
+        LL(AddAttributeAtIndex)(e->func, (LLVMAttributeIndex)LLVMAttributeFunctionIndex,
+                                LL(CreateEnumAttribute)(e->ctx, align, t->vector_bytes));
+    }
     char bits[16];
     snprintf(bits, sizeof bits, "%u", t->vector_bytes * 8);
     add_attribute(e, "target-cpu", t->cpu);

@@ -19,15 +19,23 @@ static Part curve(Emit *e, Part v) {
     return LL(BuildSelect)(e->b, small, low, r, "");
 }
 
-/* One 8-bit channel of every lane of a part: clamp to 0..1 (NaN gives 0), curve, scale, round half up. */
+static Part at_most(Emit *e, Part x, double limit) {
+    Part most = emit_const_like(e, LL(TypeOf)(x), e->t_flt, limit, 0, true);
+    return LL(BuildSelect)(e->b, LL(BuildFCmp)(e->b, LLVMRealOLT, x, most, ""), x, most, "");
+}
+
+/* One 8-bit channel of every lane of a part: clamp to 0..1 (NaN gives 0), curve, scale, round half up. Without a curve
+ * the upper limit comes last, which changes no byte: LLVM would draw a product into the choice, and blend under a mask
+ * what is one minimum. */
 static Part channel8(Emit *e, Part x) {
     LLVMTypeRef shape = LL(TypeOf)(x), ints = emit_vector_type(e, e->t_i32);
-    Part zero = emit_const_like(e, shape, e->t_flt, 0, 0, true), one = emit_const_like(e, shape, e->t_flt, 1, 0, true);
+    const bool curved = e->opt->pixels == BACK_PIXELS_SRGB;
+    Part zero = emit_const_like(e, shape, e->t_flt, 0, 0, true);
     x = LL(BuildSelect)(e->b, LL(BuildFCmp)(e->b, LLVMRealOGT, x, zero, ""), x, zero, "");
-    x = LL(BuildSelect)(e->b, LL(BuildFCmp)(e->b, LLVMRealOLT, x, one, ""), x, one, "");
-    if (e->opt->pixels == BACK_PIXELS_SRGB) x = curve(e, x);
+    if (curved) x = curve(e, at_most(e, x, 1));
     x = LL(BuildFMul)(e->b, x, emit_const_like(e, shape, e->t_flt, 255, 0, true), "");
     x = LL(BuildFAdd)(e->b, x, emit_const_like(e, shape, e->t_flt, 0.5, 0, true), "");
+    if (!curved) x = at_most(e, x, 255.5);
     return LL(BuildFPToSI)(e->b, x, ints, "");
 }
 
@@ -44,7 +52,7 @@ void emit_pixels(Emit *e, const Inst *yield) {
             word = LL(BuildOr)(e->b, word, shifted, "");
         }
         emit_store(e, word, emit_gep(e, e->t_i32, first, emit_int(e, e->t_i64, (uint64_t)p * e->L)),
-                   emit_part_align(e, 4));
+                   4 /* they go to the caller's image as well, which may lie anywhere */);
     }
 }
 
