@@ -25,6 +25,7 @@ uint32_t back_count_insts(const Block *b) {
 static bool uses_pairs(const Block *b) { return ir_has(b, OP_partner) || ir_has(b, OP_both); }
 
 /* ---- how many vectors a value */
+enum { FEW_REGISTERS = 16 /* before AVX-512 */ };
 typedef struct Loops {
     uint32_t longest; /* instructions of the longest loop; 0: there is none */
     uint32_t kept;    /* most vectors that one keeps from iteration to iteration */
@@ -49,15 +50,16 @@ static uint32_t count_read(const Block *b, const Block *loop, bool *seen) {
     return n;
 }
 
-static void look_at_loops(Fn *fn, const Block *b, Loops *out) {
+static void look_at_loops(Fn *fn, const Block *b, uint32_t registers, Loops *out) {
     for (const Inst *i = b->first; i; i = i->next) {
-        for (uint32_t r = 0; r < i->nregions; r++) look_at_loops(fn, i->region[r], out);
+        for (uint32_t r = 0; r < i->nregions; r++) look_at_loops(fn, i->region[r], registers, out);
         if (i->op != OP_loop && i->op != OP_revloop) continue;
         const Block *body = i->region[0];
         uint32_t size = back_count_insts(body);
         ArenaMark m = arena_mark(&fn->session->scratch);
         bool *seen = ARENA_ARRAY(&fn->session->scratch, bool, fn->ninsts + 1);
-        uint32_t kept = (i->flags & BACK_DIVERGES ? 1 : 0) + count_read(body, body, seen);
+        uint32_t kept =
+            (i->flags & BACK_DIVERGES ? 1 : 0) + (registers > FEW_REGISTERS ? count_read(body, body, seen) : 0);
         for (uint32_t p = 0; p < body->nparams; p++) kept += body->params[p]->flags & BACK_VARYING ? 1 : 0;
         arena_reset(&fn->session->scratch, m);
         out->longest = size > out->longest ? size : out->longest;
@@ -68,11 +70,12 @@ static void look_at_loops(Fn *fn, const Block *b, Loops *out) {
 /* Two vectors a value hide the latency of one: 1.1 to 1.9 times faster on every kernel measured, also where half of the
  * values spill (ray marchers, their reverse sweeps), on all three targets. Of loops, whose iterations wait for each
  * other, four do, up to 1.9 times faster again, as long as registers hold what they keep, and they are not so long that
- * the rest spills; nor of what compares neighbouring lanes, which takes masks through general registers. Compiling so
- * much code must not cost more than it gains. */
+ * the rest spills. Where registers are few, what a loop only reads counts for nothing: it spills at any width, and is
+ * an operand from memory. Not of what compares neighbouring lanes, which takes masks through general registers.
+ * Compiling so much code must not cost more than it gains. */
 static WidthChoice vectors(Fn *fn, const Target *t) {
     enum { LOOP = 160, SMALL = 600, LARGE = 4096 };
-    const uint32_t registers = t->vector_bytes == 64 ? 32 : 16, spare = registers / 8;
+    const uint32_t registers = t->vector_bytes == 64 ? 32 : FEW_REGISTERS, spare = registers / 8;
     uint32_t most = 0;
     for (const Fn *part = fn; part; part = part->next_part) {
         uint32_t count = back_count_insts(part->body);
@@ -87,7 +90,7 @@ static WidthChoice vectors(Fn *fn, const Target *t) {
         FrameTable frames;
         ir_number(part);
         back_analyse_frames(part, &frames);
-        look_at_loops(part, part->body, &loops);
+        look_at_loops(part, part->body, registers, &loops);
         pairs |= uses_pairs(part->body);
         arena_reset(&fn->session->scratch, m);
     }
