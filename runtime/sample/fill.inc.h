@@ -239,3 +239,23 @@ static void mean(const double *sum, uint64_t n, uint32_t count, float *to) {
     else
         for (uint64_t i = 0; i < n; i++) to[i] = (float)(sum[i] * part);
 }
+
+static uint64_t zeros(const void *v, uint64_t bytes) {
+    enum { LINE = 64, LONG = 8 * LINE };
+    const unsigned char *from = v;
+    uint64_t at = 0;
+    for (; at + LONG <= bytes; at += LONG) {
+        U any = {0};
+        for (uint32_t k = 0; k < LONG; k += sizeof any) any |= LOAD(U, from + at + k);
+        uint64_t one = 0;
+        for (int i = 0; i < LANES; i++) one |= any[i];
+        if (one) break;
+    }
+    for (; at < bytes; at += LINE) {
+        uint64_t n = bytes - at < LINE ? bytes - at : LINE;
+        unsigned char one = 0;
+        for (uint64_t k = 0; k < n; k++) one |= from[at + k];
+        if (one) return at;
+    }
+    return bytes;
+}
