@@ -85,7 +85,8 @@ static void span_of(const Lattice *l, uint64_t tile, Span *sp) {
     }
 }
 
-/* Shortens the tile's lists, of strips of rows of its vertices, and of the edges that start there. */
+/* Shortens the tile's lists, of strips of rows of its vertices. What looks for roots keeps the tile's: at a hidden edge
+ * an edge of the lattice is cut, and of what lies between lines more is met so. */
 static bool narrow(Worker *w, const Span *sp) {
     enum { ROWS = 4 };
     w->narrow.rows = 0;
@@ -134,7 +135,7 @@ static void evaluate(const Lattice *l, Worker *w, const Span *sp) {
             }
         }
     if (fill) vertices_call(w, fill, at);
-    narrow_whole(&w->narrow, b);
+    narrow_end(&w->narrow, b);
 }
 
 /* The threshold of depths for lines of the tile along an axis, from all of its vertices. */

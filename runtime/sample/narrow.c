@@ -93,12 +93,12 @@ bool narrow_tile(Narrowed *k, Batch *b, const NarrowParts *p) {
         k->whole[i] = (SltCullList){k->items + first, (int32_t)(at - first)};
     }
     k->rows = p->rows;
-    narrow_whole(k, b);
     return true;
 }
 
-void narrow_whole(Narrowed *k, Batch *b) {
-    if (k->rows) b->args.cull = k->whole;
+void narrow_end(Narrowed *k, Batch *b) {
+    if (k->rows) b->args.cull = k->current;
+    k->rows = 0;
 }
 
 void narrow_rows(Narrowed *k, Batch *b, uint32_t first, uint32_t last) {

@@ -38,11 +38,11 @@ bool narrow_init(Narrowed *k, const SltScene *s);
 void narrow_free(Narrowed *k);
 /* Has this scene any use for it? */
 bool narrow_serves(const SltScene *s);
-/* Shortens the lists of b->args.cull, which are good for all of the tile. Where they are short it does nothing. False
- * when memory runs out. */
+/* Asks about the lists of b->args.cull, which are good for all of the tile, and stay. Where they are short it does
+ * nothing. False when memory runs out. */
 bool narrow_tile(Narrowed *k, Batch *b, const NarrowParts *p);
-/* For calls to come: of points in these rows; of all. */
+/* For calls to come: lists of points in these rows; the tile's again, for good. */
 void narrow_rows(Narrowed *k, Batch *b, uint32_t first, uint32_t last);
-void narrow_whole(Narrowed *k, Batch *b);
+void narrow_end(Narrowed *k, Batch *b);
 
 #endif
