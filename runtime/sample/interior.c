@@ -282,24 +282,38 @@ static bool value_work(void *user, uint32_t worker, uint64_t tile) {
     if (prune_can(p->run->s)) return value_pruned(p, w, &t);
     TileRect strip = {0};
     bool fine = narrow(p, w, &t);
-    while (fine && next_strip(w, &t, &strip)) fine = value_samples(p, w, SLT_K_VALUE, &strip, 1);
+    while (fine && next_strip(w, &t, &strip)) {
+        fine = value_samples(p, w, SLT_K_VALUE, &strip, 1);
+        if (!p->other) continue;
+        Interior second = *p;
+        second.half = 2, second.count = half_count(p->run->j, 2), second.image = p->other;
+        fine = fine && value_samples(&second, w, SLT_K_VALUE, &strip, 1);
+    }
     return fine;
 }
 
 static void plain_merge(void *user, uint32_t worker, uint64_t tile) {
     Interior *p = user;
     TileRect t = rect_of(p, tile);
-    p->run->stats.samples += t.pixels * p->count;
+    p->run->stats.samples += t.pixels * (p->count + (p->other ? half_count(p->run->j, 2) : 0));
     run_collect(p->run, &p->run->worker[worker]);
 }
 
-SltStatus interior_image(Run *r, uint32_t half, float *image) {
-    Interior p = {.image = image, .classes = 1};
+static SltStatus make_image(Run *r, uint32_t half, float *image, float *other) {
+    Interior p = {.image = image, .other = other, .classes = 1};
     plan(&p, r, half, prune_can(r->s) ? prune_tile(r->grid.dim, r->grid.n) : tile_side(r, 32));
     SltStatus st = run_workers(r, p.ntiles, 0, SINK_KEEP);
     if (st == SLT_OK) st = run_tiles(r, p.ntiles, value_work, plain_merge, &p);
     run_free_workers(r);
     return st;
+}
+
+SltStatus interior_image(Run *r, uint32_t half, float *image) { return make_image(r, half, image, NULL); }
+
+SltStatus interior_halves(Run *r, float *const image[2]) {
+    if (!prune_can(r->s)) return make_image(r, 1, image[0], image[1]);
+    SltStatus st = make_image(r, 1, image[0], NULL);
+    return st == SLT_OK ? make_image(r, 2, image[1], NULL) : st;
 }
 
 /* ---- reverse */
