@@ -32,6 +32,17 @@ static bool proves_lines(const SltProgram *p, const SltJob *j) {
     return shadows && !silhouettes && wanted && j->estimator == SLT_EST_LATTICE && primal->dim == 2;
 }
 
+/* Over the steps of a fit bounds are worth compiling, where they tell which iterations of a long [Cull] loop a tile can
+ * leave out: runtime/sample/narrow.h. Rays would ask them for more than that. */
+static bool narrows_lists(const SltProgram *p, const SltJob *j) {
+    const Fn *primal = p->prog->primal;
+    if (!atomic_load(&p->fitted) || !p->prog->ncull || p->opt.interpret || by_cells(j) || primal->dim != 2)
+        return false;
+    for (uint32_t s = 0; s < primal->nsites; s++)
+        if (ir_site_of_ray(primal->sites[s].kind)) return false;
+    return pipeline_has_bounds(primal->body);
+}
+
 static void gradient_needs(const SltProgram *p, const SltJob *j, bool forward, bool needs[K_KINDS]) {
     value_needs(j, needs);
     if (slt_estimate_by_differences(j->estimator)) return;
@@ -100,7 +111,10 @@ static SltStatus begin_gradient(ApiCall *c, SltProgram *p, const SltJob *job, bo
     if (s == SLT_OK) s = settle(c);
     if (s != SLT_OK) return s;
     gradient_needs(p, &c->job, forward, needs);
-    return api_call_kernels_late(c, needs, by_cells(&c->job) ? of_lines : NULL);
+    static const bool of_lists[K_KINDS] = {[K_BOUNDS] = true};
+    const bool narrows = !needs[K_BOUNDS] && narrows_lists(p, &c->job);
+    needs[K_BOUNDS] |= narrows;
+    return api_call_kernels_late(c, needs, by_cells(&c->job) ? of_lines : narrows ? of_lists : NULL);
 }
 
 /* Where single precision tells too few places apart, or cannot hold their squares, the caller is told. */

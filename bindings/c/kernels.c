@@ -270,6 +270,7 @@ static void build_body(Session *s, void *arg) {
     p->ms_passes += now_ms() - start;
 
     if (set.chunks) p->scene.chunks = set.chunks;
+    if (set.fn[K_REGION]) p->scene.hides = set.hides;
     for (int k = 0; k < K_KINDS; k++) p->tried[k] |= q->needs[k];
     KernelRequest req[K_KINDS + SLT_MAX_CULL];
     uint32_t n = 0;

@@ -148,6 +148,7 @@ typedef struct KernelSet {
     TapeReport tape[K_KINDS];
     SltLayout layout[K_KINDS];
     const SltChunks *chunks; /* of prune and pruned; NULL: the program has no use for them */
+    bool hides;              /* of region: see SltScene */
     bool chunked;            /* bounds and the edge kernels have them too; set with edges */
     const SiteInfo *edges;   /* sites, then seams; only where bounds or an edge kernel was asked for */
     uint32_t nedges;

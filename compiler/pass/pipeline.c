@@ -234,6 +234,7 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
     if (needs[K_VJP]) ad_part_rows(out->fn[K_VJP]);
     if (jumps) {
         if (needs[K_REGION]) out->fn[K_REGION] = variant_region(ctx, primal, &variant);
+        out->hides = variant_tells_origin(primal, &variant);
         if (needs[K_EVENT]) out->fn[K_EVENT] = variant_event(ctx, primal, &variant);
         if (needs[K_SIDES]) out->fn[K_SIDES] = variant_sides(ctx, primal, &variant);
         site_kernels(ctx, primal, needs, &variant, &wrt, out);

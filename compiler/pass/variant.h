@@ -52,6 +52,8 @@ void variant_output(Outputs *o, SltRole role, uint32_t index, Inst *value);
 void variant_set_outputs(Fn *fn, const Outputs *o);
 /* Adds the region hash to a clone (sites stay in place): returns its final value at the end of the top block. */
 Inst *variant_hash(PassCtx *ctx, Fn *fn, const VariantOptions *o);
+/* Is that of provenance alone, which forgets what is overwritten? */
+bool variant_tells_origin(const Fn *fn, const VariantOptions *o);
 
 /* Edge kernels that run the program up to their event have this NaN, and in each component of the gradient, until they
  * are there: a number that no arithmetic makes. On boxes it is the bound of nothing. */
@@ -107,6 +109,7 @@ Inst *variant_take_difference(Builder *b, const SltChunks *table, Inst *captured
 
 /* variant_provenance.c: the hash of the outputs' origin, or NULL where the program keeps the path hash. */
 Inst *variant_provenance(PassCtx *ctx, Fn *fn);
+bool variant_has_provenance(const Fn *fn);
 
 /* variant_argmin.c: loops that keep one iteration. */
 typedef struct Argmin {

@@ -321,8 +321,10 @@ static bool has_arrays(const Block *b) {
     return false;
 }
 
+bool variant_has_provenance(const Fn *fn) { return !has_arrays(fn->body); }
+
 Inst *variant_provenance(PassCtx *ctx, Fn *fn) {
-    if (has_arrays(fn->body)) return NULL;
+    if (!variant_has_provenance(fn)) return NULL;
     Prov p = {.fn = fn, .arena = &ctx->session->module, .changed = true};
     p.nids = ir_number(fn) + 1;
     p.of = ARENA_ARRAY(p.arena, Set *, p.nids);

@@ -34,6 +34,10 @@ static bool has_skipped(const Fn *fn) {
     return false;
 }
 
+bool variant_tells_origin(const Fn *fn, const VariantOptions *o) {
+    return !o->path_hash && !has_skipped(fn) && variant_has_provenance(fn);
+}
+
 Inst *variant_hash(PassCtx *ctx, Fn *fn, const VariantOptions *o) {
     Inst *origin = o->path_hash ? NULL : variant_provenance(ctx, fn);
     if (origin && !has_skipped(fn)) return origin;

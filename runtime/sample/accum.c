@@ -56,11 +56,14 @@ bool accum_init(Accum *a, const SltScene *s, uint32_t n) {
         b->touched = alloc_zero(blocks, sizeof *b->touched);
         if (!b->touched) return false;
     }
-    a->blocks = alloc_zero(blocks, sizeof *a->blocks);
-    if (!a->blocks) return false;
-    for (uint32_t p0 = 0; p0 < s->nfloats; p0 += ACCUM_BLOCK) {
-        uint32_t n = s->nfloats - p0 < ACCUM_BLOCK ? s->nfloats - p0 : ACCUM_BLOCK;
-        if (!s->dense || memchr(s->dense + p0, 1, n)) a->blocks[a->nblocks++] = p0;
+    a->fill = fill_best();
+    a->stretch = alloc_zero(blocks, sizeof *a->stretch);
+    if (!a->stretch) return false;
+    for (uint32_t p0 = 0, p1; p0 < s->nfloats; p0 = p1) {
+        p1 = s->nfloats - p0 < ACCUM_BLOCK ? s->nfloats : p0 + ACCUM_BLOCK;
+        if (s->dense && !memchr(s->dense + p0, 1, p1 - p0)) continue;
+        if (!a->nstretches || a->stretch[a->nstretches - 1][1] != p0) a->stretch[a->nstretches++][0] = p0;
+        a->stretch[a->nstretches - 1][1] = p1;
     }
     return true;
 }
@@ -70,7 +73,7 @@ void accum_free(Accum *a) {
     for (uint32_t i = 0; i < a->n; i++) free(a->buf[i].touched), free(a->buf[i].log_index), free(a->buf[i].log_value);
     free_pages(a->adj, a->bytes * a->n + 64), free_pages(a->scratch, a->bytes * SLT_MAX_CHANNELS + 64);
     free_pages(a->sums, a->n * sums_bytes(a));
-    free(a->blocks), free(a->poles), free(a->folded.parameter), free(a->folded.slot), free(a->folded.sum);
+    free(a->stretch), free(a->poles), free(a->folded.parameter), free(a->folded.slot), free(a->folded.sum);
     memset(a, 0, sizeof *a);
 }
 
@@ -152,20 +155,6 @@ void accum_rows(Accum *a, Batch *b, const double *weight, uint32_t n, uint32_t w
     b->again = again;
 }
 
-/* All bits zero? In integers, which the compiler may reorder: most blocks of most tiles are zero, and cost this loop.
- */
-static bool untouched(const void *block, uint64_t bytes) {
-    const uint32_t *v = block;
-    uint64_t words = bytes / sizeof *v;
-    for (uint64_t from = 0; from < words; from += 1024) {
-        uint64_t to = from + 1024 < words ? from + 1024 : words;
-        uint32_t any = 0;
-        for (uint64_t i = from; i < to; i++) any |= v[i];
-        if (any) return false;
-    }
-    return true;
-}
-
 #define SUM_LANES(name, T)                                                                                             \
     static void name(const T *v, uint32_t lanes, uint32_t n, double *sums) {                                           \
         for (uint32_t p = 0; p < n; p++) {                                                                             \
@@ -177,22 +166,32 @@ static bool untouched(const void *block, uint64_t bytes) {
 SUM_LANES(sum_f32, float)
 SUM_LANES(sum_f64, double)
 
+/* Parameters p0 .. p1 - 1 of a buffer, a block of which some sum is not 0. */
+static void close_block(Accum *a, uint32_t which, uint32_t p0, uint32_t p1) {
+    AdjointBuffer *buf = &a->buf[which];
+    void *block = buf->adj + a->stride * p0;
+    double few[ACCUM_BLOCK], *sums = a->folded.slot ? few : buf->sum + p0;
+    if (a->s->f64) sum_f64(block, a->s->adj_lanes, p1 - p0, sums);
+    else sum_f32(block, a->s->adj_lanes, p1 - p0, sums);
+    memset(block, 0, a->stride * (p1 - p0));
+    if (a->folded.slot) a->failed |= !accum_fold(a, which, p0, few, p1 - p0);
+    else buf->touched[buf->ntouched++] = p0;
+}
+
+/* Most blocks of most tiles are zero, and cost a look. */
 void accum_close(Accum *a) {
-    uint32_t lanes = a->s->adj_lanes;
     for (uint32_t i = 0; i < a->n; i++) {
         AdjointBuffer *buf = &a->buf[i];
         buf->ntouched = 0;
-        for (uint32_t k = 0; k < a->nblocks && buf->dirty; k++) {
-            uint32_t p0 = a->blocks[k], p1 = p0 + ACCUM_BLOCK < a->s->nfloats ? p0 + ACCUM_BLOCK : a->s->nfloats;
-            void *block = buf->adj + a->stride * p0;
-            if (untouched(block, a->stride * (p1 - p0))) continue;
-            double few[ACCUM_BLOCK], *sums = a->folded.slot ? few : buf->sum + p0;
-            if (a->s->f64) sum_f64(block, lanes, p1 - p0, sums);
-            else sum_f32(block, lanes, p1 - p0, sums);
-            memset(block, 0, a->stride * (p1 - p0));
-            if (a->folded.slot) a->failed |= !accum_fold(a, i, p0, few, p1 - p0);
-            else buf->touched[buf->ntouched++] = p0;
-        }
+        for (uint32_t k = 0; k < a->nstretches && buf->dirty; k++)
+            for (uint32_t p0 = a->stretch[k][0], end = a->stretch[k][1];;) {
+                uint64_t bytes = a->stride * (end - p0), clear = a->fill->zeros(buf->adj + a->stride * p0, bytes);
+                if (clear == bytes) break;
+                p0 += (uint32_t)(clear / a->stride) / ACCUM_BLOCK * ACCUM_BLOCK;
+                uint32_t p1 = end - p0 < ACCUM_BLOCK ? end : p0 + ACCUM_BLOCK;
+                close_block(a, i, p0, p1);
+                p0 = p1;
+            }
         if (a->folded.slot) a->failed |= !accum_fold_log(a, i);
         buf->dirty = false;
     }

@@ -36,7 +36,9 @@ typedef struct Accum {
     uint64_t stride, bytes; /* of adj: bytes a parameter, bytes in all */
     AdjointBuffer buf[ACCUMS];
     unsigned char *adj, *sums; /* of all buffers */
-    uint32_t *blocks, nblocks; /* first parameter of each block of 16 that kernels may add to */
+    /* [nstretches][2]: parameters from .. to - 1, whole blocks of 16, that kernels may add to */
+    uint32_t (*stretch)[2], nstretches;
+    const Fill *fill;
     unsigned char *scratch; /* instead of adj where a call is repeated for its log: what it adds must not count twice */
     Poles *poles;           /* accum_poles.c */
     bool infinite;          /* something of this tile is, on an area */

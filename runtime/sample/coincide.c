@@ -46,14 +46,15 @@ static uint32_t mix(uint32_t h, uint32_t v) { /* ir_mix, of which keys of events
 static bool is_alone(const SltScene *s, const Crossing *c) {
     bool rounds = s->site_kind[c->event.site] != SLT_SITE_COMPARE; /* a comparison has no integer, but loops' indices */
     uint32_t key = mix(0x9e3779b9u, (uint32_t)c->event.site + 1), differ = c->ha ^ c->hb;
-    double n = floor(c->event.boundary);
+    double n = rounds ? floor(c->event.boundary) : 0;
+    const uint32_t loops = scene_outputs(s, SLT_K_EVENT, SLT_OUT_K);
     for (uint32_t d = 0;; d++) {
         if (key == differ) return true;
         for (int by = -1; by < 1 && rounds; by++) { /* an integer that changes to the next */
             uint32_t below = (uint32_t)(int32_t)fmin(fmax(n + by, -0x1p30), 0x1p30);
             if ((mix(key, below) ^ mix(key, below + 1)) == differ) return true;
         }
-        if (d == SLT_MAX_K) return false;
+        if (d == loops) return false;
         key = mix(key, (uint32_t)c->event.k[d]);
     }
 }

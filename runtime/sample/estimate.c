@@ -102,6 +102,17 @@ SltStatus slt_estimate_render(const SltScene *s, const SltJob *j, int half, floa
     return st;
 }
 
+/* Both halves of the samples of an image. */
+static SltStatus render_halves(const SltScene *s, const SltJob *j, float *const half[2], SltStats *stats,
+                               SltError *err) {
+    Run r;
+    SltStatus st = run_begin(&r, s, j, err);
+    if (st == SLT_OK) st = interior_halves(&r, half);
+    r.stats.seconds_interior = pool_now() - r.start;
+    run_end(&r, stats);
+    return st;
+}
+
 /* ---- forward */
 SltStatus slt_estimate_forward(const SltScene *s, const SltJob *j, uint32_t ndir, const double *const *dirs,
                                float *const *out, float *crossings, SltStats *stats, SltError *err) {
@@ -330,9 +341,8 @@ SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *tar
         const float *adjoint[2] = {half[1], half[1]};
         st = reverse(s, j, adjoint, NULL, &of, gradient, stderr_bound, stats, err);
     } else {
-        st = slt_estimate_render(s, j, halves ? 1 : 0, half[0], stats, err);
+        st = halves ? render_halves(s, j, half, stats, err) : slt_estimate_render(s, j, 0, half[0], stats, err);
     }
-    if (st == SLT_OK && halves) st = slt_estimate_render(s, j, 2, half[1], stats, err);
     if (st == SLT_OK) {
         double sum = 0, row = 0;
         for (uint64_t i = 0; i < n; i++) {

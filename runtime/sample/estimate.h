@@ -93,6 +93,7 @@ typedef struct SltScene {
     uint32_t nlists;            /* loops with lists, [Cull] loops first: lengths of SltKernelArgs.cull, .note */
     const uint32_t *list_count; /* [nlists]: iterations of each */
     const uint8_t *list_noted;  /* [nlists]: 1 where `bounds` notes which of them can matter; NULL: nowhere */
+    bool hides;                 /* hashes do not hang on iterations that later ones overwrite */
     const struct SltChunks *chunks; /* of prune and pruned (saltus/chunks.h); NULL: the program has no use for them */
     bool chunked; /* bounds and the edge kernels are in chunks too: its choices are edges behind all others */
     int follow;   /* fingers are followed from line to line of a lattice: 0 never, 1 but not rays in images, 2 always */

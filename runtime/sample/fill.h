@@ -41,6 +41,8 @@ typedef struct Fill {
     void (*sum_f64)(const double *f, uint32_t runs, const uint32_t *count, double *to, uint32_t stride);
     /* to[n] = sum[n] / count */
     void (*mean)(const double *sum, uint64_t n, uint32_t count, float *to);
+    /* How many bytes from v on are 0: all `bytes` of them, or of those before the first that is not whole 64 a time. */
+    uint64_t (*zeros)(const void *v, uint64_t bytes);
 } Fill;
 extern const Fill fill_plain, fill_avx2, fill_avx512;
 /* All that this machine can run, narrowest first; returns how many. */

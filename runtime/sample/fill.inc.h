@@ -213,6 +213,15 @@ static void sum_f32(const float *f, uint32_t runs, const uint32_t *count, double
             f += RUNS * n, to += RUNS * stride, r += RUNS;
             continue;
         }
+        if (n == 2 && r + RUNS <= runs && count[r + 1] == 2 && count[r + 2] == 2 && count[r + 3] == 2) {
+            const F4 a = LOAD(F4, f), b = LOAD(F4, f + RUNS);
+            D4 sum = {to[0], to[stride], to[2 * stride], to[3 * stride]};
+            sum += __builtin_convertvector(__builtin_shufflevector(a, b, 0, 2, 4, 6), D4);
+            sum += __builtin_convertvector(__builtin_shufflevector(a, b, 1, 3, 5, 7), D4);
+            for (uint32_t k = 0; k < RUNS; k++) to[k * stride] = sum[k];
+            f += RUNS * n, to += RUNS * stride, r += RUNS;
+            continue;
+        }
         double sum = *to;
         for (uint32_t i = 0; i < n; i++) sum += (double)f[i];
         *to = sum, f += n, to += stride, r++;
@@ -238,4 +247,24 @@ static void mean(const double *sum, uint64_t n, uint32_t count, float *to) {
         for (uint64_t i = 0; i < n; i++) to[i] = (float)(sum[i] / by);
     else
         for (uint64_t i = 0; i < n; i++) to[i] = (float)(sum[i] * part);
+}
+
+static uint64_t zeros(const void *v, uint64_t bytes) {
+    enum { LINE = 64, LONG = 8 * LINE };
+    const unsigned char *from = v;
+    uint64_t at = 0;
+    for (; at + LONG <= bytes; at += LONG) {
+        U any = {0};
+        for (uint32_t k = 0; k < LONG; k += sizeof any) any |= LOAD(U, from + at + k);
+        uint64_t one = 0;
+        for (int i = 0; i < LANES; i++) one |= any[i];
+        if (one) break;
+    }
+    for (; at < bytes; at += LINE) {
+        uint64_t n = bytes - at < LINE ? bytes - at : LINE;
+        unsigned char one = 0;
+        for (uint64_t k = 0; k < n; k++) one |= from[at + k];
+        if (one) return at;
+    }
+    return bytes;
 }

@@ -249,12 +249,20 @@ static void split(Finder *f, const Segment *s, double tol, SltDrop reason, int32
 /* ---- root of g on the bracket */
 static bool same_sign(double a, double b) { return (a < 0) == (b < 0); }
 
+/* n: evaluations, which are few. ldexp is a call of the library. */
+static double power_of_two(uint32_t n) {
+    uint64_t bits = (uint64_t)(1023 + n) << 52;
+    double v;
+    memcpy(&v, &bits, sizeof v);
+    return v;
+}
+
 /* Where to look next in [x1, x2], as a fraction of the way from x1 to x2. */
 static double chandrupatla(const Item *it, double width) {
     double least = 0.75 * it->tol / width;
     if (least >= 0.5) return 0.5;
     /* Once only bisection can still arrive in time, bisect. */
-    if (ldexp(width, -(int)it->left) > it->tol) return 0.5;
+    if (width > power_of_two(it->left) * it->tol) return 0.5;
     double t = 0.5;
     /* The window of a ray is empty at this end: g has a sign, but is no number to draw lines through. */
     if (isinf(it->f1) || isinf(it->f2)) return t;

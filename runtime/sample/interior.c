@@ -67,6 +67,43 @@ static void select_cull(const Interior *p, Worker *w, const TileRect *t) {
     cull_select(&p->run->cull, &w->cull, &w->batch, lo, hi);
 }
 
+/* The lists of a tile, of strips of its rows: of as many as make a call worth its while. */
+static bool narrow(const Interior *p, Worker *w, const TileRect *t) {
+    enum { LANES = 256, ROWS = 4 };
+    const Grid *g = &p->run->grid;
+    const double grow = g->filter == SLT_FILTER_BOX ? 0.01 : g->radius;
+    w->narrow.rows = 0;
+    if (!w->narrow.note || g->dim != 2 || g->integral) return true;
+    uint32_t strip = (t->n[1] + NARROW_ROWS - 1) / NARROW_ROWS, lanes = t->n[0] * p->count;
+    if (strip < ROWS) strip = ROWS;
+    while (strip < t->n[1] && strip * lanes < LANES) strip++;
+    NarrowParts parts = {.rows = (t->n[1] + strip - 1) / strip};
+    parts.x[0] = g->lo[0] + (t->lo[0] - grow) * g->side[0];
+    parts.x[1] = g->lo[0] + (t->lo[0] + t->n[0] + grow) * g->side[0];
+    for (uint32_t r = 0; r < parts.rows; r++) {
+        parts.y[r][0] = g->lo[1] + (t->lo[1] + r * strip - grow) * g->side[1];
+        parts.y[r][1] = g->lo[1] + (t->lo[1] + (r + 1) * strip + grow) * g->side[1];
+    }
+    w->strip = strip;
+    return narrow_tile(&w->narrow, &w->batch, &parts);
+}
+
+/* The next strip of a tile, whose lists the batch gets; all of the tile where there are none. A strip of no pixels
+ * comes before the first. */
+static bool next_strip(Worker *w, const TileRect *t, TileRect *strip) {
+    const bool begins = !strip->pixels, whole = !w->narrow.rows;
+    const uint32_t from = begins ? 0 : strip->lo[1] + strip->n[1] - t->lo[1];
+    if (whole || from >= t->n[1]) {
+        *strip = *t;
+        return whole && begins;
+    }
+    *strip = *t;
+    strip->lo[1] += from, strip->n[1] = t->n[1] - from < w->strip ? t->n[1] - from : w->strip;
+    strip->pixels = (uint64_t)strip->n[0] * strip->n[1];
+    narrow_rows(&w->narrow, &w->batch, from / w->strip, from / w->strip);
+    return true;
+}
+
 /* Where in an image a pixel of the tile is, given by its number in the walk. A tile has few pixels, and divisions of 32
  * bits are several times cheaper. */
 static uint64_t image_index(const Interior *p, const TileRect *t, uint32_t pixel) {
@@ -242,23 +279,41 @@ static bool value_work(void *user, uint32_t worker, uint64_t tile) {
     Worker *w = &p->run->worker[worker];
     TileRect t = rect_of(p, tile);
     select_cull(p, w, &t);
-    return prune_can(p->run->s) ? value_pruned(p, w, &t) : value_samples(p, w, SLT_K_VALUE, &t, 1);
+    if (prune_can(p->run->s)) return value_pruned(p, w, &t);
+    TileRect strip = {0};
+    bool fine = narrow(p, w, &t);
+    while (fine && next_strip(w, &t, &strip)) {
+        fine = value_samples(p, w, SLT_K_VALUE, &strip, 1);
+        if (!p->other) continue;
+        Interior second = *p;
+        second.half = 2, second.count = half_count(p->run->j, 2), second.image = p->other;
+        fine = fine && value_samples(&second, w, SLT_K_VALUE, &strip, 1);
+    }
+    return fine;
 }
 
 static void plain_merge(void *user, uint32_t worker, uint64_t tile) {
     Interior *p = user;
     TileRect t = rect_of(p, tile);
-    p->run->stats.samples += t.pixels * p->count;
+    p->run->stats.samples += t.pixels * (p->count + (p->other ? half_count(p->run->j, 2) : 0));
     run_collect(p->run, &p->run->worker[worker]);
 }
 
-SltStatus interior_image(Run *r, uint32_t half, float *image) {
-    Interior p = {.image = image, .classes = 1};
+static SltStatus make_image(Run *r, uint32_t half, float *image, float *other) {
+    Interior p = {.image = image, .other = other, .classes = 1};
     plan(&p, r, half, prune_can(r->s) ? prune_tile(r->grid.dim, r->grid.n) : tile_side(r, 32));
     SltStatus st = run_workers(r, p.ntiles, 0, SINK_KEEP);
     if (st == SLT_OK) st = run_tiles(r, p.ntiles, value_work, plain_merge, &p);
     run_free_workers(r);
     return st;
+}
+
+SltStatus interior_image(Run *r, uint32_t half, float *image) { return make_image(r, half, image, NULL); }
+
+SltStatus interior_halves(Run *r, float *const image[2]) {
+    if (!prune_can(r->s)) return make_image(r, 1, image[0], image[1]);
+    SltStatus st = make_image(r, 1, image[0], NULL);
+    return st == SLT_OK ? make_image(r, 2, image[1], NULL) : st;
 }
 
 /* ---- reverse */
@@ -325,11 +380,14 @@ static bool reverse_work(void *user, uint32_t worker, uint64_t tile) {
         accum_close(&w->acc);
         return fine && !w->acc.failed;
     }
-    if (!p->halves[1]) reverse_samples(p, w, &t, 1, 0);
+    TileRect strip = {0};
+    if (!narrow(p, w, &t)) return false;
+    while (!p->halves[1] && next_strip(w, &t, &strip)) reverse_samples(p, w, &strip, 1, 0);
     for (uint32_t h = 0; h < 2 && p->halves[1]; h++) {
         Interior own = *p;
         own.half = h + 1, own.count = half_count(p->run->j, own.half), own.adjoint = p->halves[h];
-        reverse_samples(&own, w, &t, 0.5, h);
+        strip.pixels = 0;
+        while (next_strip(w, &t, &strip)) reverse_samples(&own, w, &strip, 0.5, h);
     }
     accum_close(&w->acc);
     return !w->acc.failed;

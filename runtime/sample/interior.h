@@ -22,8 +22,8 @@ typedef struct Interior {
     uint32_t count;             /* samples of a pixel */
     uint32_t tile[3], tiles[3]; /* pixels of a tile, and tiles, by axis */
     uint64_t ntiles;
-    /* interior_image */
-    float *image;
+    /* interior_image, interior_halves */
+    float *image, *other; /* other: NULL, or the image of the second half */
     /* interior_reverse */
     const float *adjoint;   /* an image */
     const float *halves[2]; /* those of the halves, where they have their own; else NULL */
@@ -38,6 +38,8 @@ typedef struct Interior {
 } Interior;
 /* half 0: all samples of a pixel; 1 or 2: one of the two halves. */
 SltStatus interior_image(Run *r, uint32_t half, float *image);
+/* Both halves, tile by tile: what is known of a tile serves both. */
+SltStatus interior_halves(Run *r, float *const image[2]);
 /* Of both halves of the samples, each with its adjoint, where there are two; else of all. With parts by pairs each
  * half has targets of its own, and classes are sets of pixels. loss: NULL, or what makes the adjoint, which is its
  * own, on the way. */

@@ -85,6 +85,23 @@ static void span_of(const Lattice *l, uint64_t tile, Span *sp) {
     }
 }
 
+/* Shortens the tile's lists, of strips of rows of its vertices. What looks for roots keeps the tile's: at a hidden edge
+ * an edge of the lattice is cut, and of what lies between lines more is met so. */
+static bool narrow(Worker *w, const Span *sp) {
+    enum { ROWS = 4 };
+    w->narrow.rows = 0;
+    if (!w->narrow.note || !w->batch.s->hides) return true;
+    const uint32_t edges = sp->vn[1] > 1 ? sp->vn[1] - 1 : 1, most = sp->vn[1] - 1;
+    w->strip = (edges + NARROW_ROWS - 1) / NARROW_ROWS;
+    if (w->strip < ROWS) w->strip = ROWS;
+    NarrowParts parts = {.rows = (edges + w->strip - 1) / w->strip, .x = {sp->pos[0][0], sp->pos[0][sp->vn[0] - 1]}};
+    for (uint32_t r = 0; r < parts.rows; r++) {
+        const uint32_t last = (r + 1) * w->strip;
+        parts.y[r][0] = sp->pos[1][r * w->strip], parts.y[r][1] = sp->pos[1][last < most ? last : most];
+    }
+    return narrow_tile(&w->narrow, &w->batch, &parts);
+}
+
 static void evaluate(const Lattice *l, Worker *w, const Span *sp) {
     Batch *b = &w->batch;
     const Grid *g = &l->y->run->grid;
@@ -92,6 +109,11 @@ static void evaluate(const Lattice *l, Worker *w, const Span *sp) {
     uint64_t at = 0;
     for (uint32_t z = 0; z < sp->vn[2]; z++)
         for (uint32_t y = 0; y < sp->vn[1]; y++) {
+            if (w->narrow.rows && y % w->strip == 0 && y / w->strip < w->narrow.rows) {
+                if (fill) vertices_call(w, fill, at);
+                at += fill, fill = 0;
+                narrow_rows(&w->narrow, b, y / w->strip, y / w->strip);
+            }
             int32_t row = b->pixels && g->dim > 1 ? (int32_t)(g->n[1] - 1 - grid_cell(g, 1, sp->pos[1][y])) : 0;
             for (uint32_t x = 0; x < sp->vn[0];) {
                 uint32_t run = sp->vn[0] - x < BATCH - fill ? sp->vn[0] - x : BATCH - fill;
@@ -113,6 +135,7 @@ static void evaluate(const Lattice *l, Worker *w, const Span *sp) {
             }
         }
     if (fill) vertices_call(w, fill, at);
+    narrow_end(&w->narrow, b);
 }
 
 /* The threshold of depths for lines of the tile along an axis, from all of its vertices. */
@@ -321,6 +344,7 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
     for (int d = 0; d < 3; d++) lo[d] = sp.pos[d][0], hi[d] = sp.pos[d][sp.vn[d] - 1];
     cull_select(&y->run->cull, &w->cull, &w->batch, lo, hi);
     if (w->sink.kind == SINK_FORWARD && !sink_rect(&w->sink, lo, hi)) return false;
+    if (!narrow(w, &sp)) return false;
     evaluate(l, w, &sp);
     w->finder.proves = tile_proves(l, w, &sp);
     if (w->finder.proves) settle_blocks(w, &sp);

@@ -73,7 +73,7 @@ static bool worker_init(Run *r, Worker *w, uint32_t accums, SinkKind kind) {
     w->finder.full = sink_take, w->finder.silent_full = sink_take_silent, w->finder.full_user = &w->sink;
     if (scene_outputs(r->s, SLT_K_REGION, SLT_OUT_NEAR_SITE) && !near_init(w)) return false;
     if (follows(r) && !(w->follow = w->sink.follow = follow_new())) return false;
-    return cull_lists_init(&w->cull, &r->cull);
+    return narrow_init(&w->narrow, r->s) && cull_lists_init(&w->cull, &r->cull);
 }
 
 void run_free_workers(Run *r) {
@@ -83,7 +83,7 @@ void run_free_workers(Run *r) {
             cull_lists_free(&w->cull, &r->cull), prune_free(&w->pruner);
         free(w->hash), free(w->face), free(w->settled), free(w->ask), free(w->depth), free(w->witness), free(w->near_g),
             free(w->near_key), free(w->near_event), free(w->value), free(w->probes), follow_free(w->follow),
-            tails_free_tile(&w->tail);
+            tails_free_tile(&w->tail), narrow_free(&w->narrow);
     }
     free(r->worker);
     r->worker = NULL, r->nworkers = 0;

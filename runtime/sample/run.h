@@ -7,6 +7,7 @@
 
 #include "runtime/base/threads.h"
 #include "runtime/sample/cull.h"
+#include "runtime/sample/narrow.h"
 #include "runtime/sample/prune.h"
 #include "runtime/sample/sink.h"
 #include "runtime/sample/tails.h"
@@ -34,6 +35,8 @@ struct Worker {
     struct Probes *probes; /* candidates of near.c */
     Follow *follow;        /* NULL: fingers are not followed */
     TailTile tail;         /* of interior_integral */
+    Narrowed narrow;       /* lists of its parts, */
+    uint32_t strip;        /* which are so many rows of pixels, or vertices */
 };
 
 struct Run {

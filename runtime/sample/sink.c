@@ -73,17 +73,21 @@ static double length(const double v[3], uint32_t dim) {
     return sqrt(sum);
 }
 
+enum { UNITS = 1000 }; /* powers of two of which doubles hold the reciprocals, too */
+
 /* Along a line: base * d_i g * s_i^2 / sum (s_j d_j g)^2, with the sign of the jump along the line. On a random
  * segment: base / |grad g|, with the jump turned towards growing g. False, with the reason, where there is no weight.
  */
 static bool weigh(const Sink *k, Crossing *c, SltDrop *reason) {
     uint32_t dim = k->b->s->dim;
-    double scaled = 0, plain = 0, along = 0, most = 0;
+    double scaled = 0, plain = 0, along = 0, most = 0, unit;
     int power = 0; /* of two, in units of which slopes are: their squares stay in range, whatever g is measured in */
     for (uint32_t d = 0; d < dim; d++) most = fmax(most, fabs(c->dg[d]));
     if (isfinite(most)) frexp(most, &power);
+    power = power < -UNITS ? -UNITS : power > UNITS ? UNITS : power;
+    unit = ldexp(1, -power); /* products with it are exact */
     for (uint32_t d = 0; d < dim; d++) {
-        double slope = ldexp(c->dg[d], -power), v = k->scale[d] * slope;
+        double slope = unit * c->dg[d], v = k->scale[d] * slope;
         scaled += v * v, plain += slope * slope;
         along += slope * c->direction[d];
     }
@@ -93,14 +97,14 @@ static bool weigh(const Sink *k, Crossing *c, SltDrop *reason) {
      * the change is little beside that of g on the segment: far from the origin, rounding in single precision makes as
      * much.
      */
-    else if (ldexp(fabs(c->ga) + fabs(c->gb), -power) >
+    else if (unit * (fabs(c->ga) + fabs(c->gb)) >
              sqrt(plain) * fmax(32 * c->bracket, rounded_part(k->b->s, c->event.site) * length(c->direction, dim)))
         *reason = SLT_DROP_INCONSISTENT;
     else {
         if (c->axis >= 0) {
-            double slope = ldexp(c->dg[c->axis], -power);
-            c->weight = ldexp(c->base * slope * k->scale[c->axis] * k->scale[c->axis] / scaled, -power);
-        } else c->weight = ldexp(c->base * (along < 0 ? -1 : 1) / sqrt(plain), -power);
+            double slope = unit * c->dg[c->axis];
+            c->weight = unit * (c->base * slope * k->scale[c->axis] * k->scale[c->axis] / scaled);
+        } else c->weight = unit * (c->base * (along < 0 ? -1 : 1) / sqrt(plain));
         if (isfinite(c->weight)) return true;
         *reason = SLT_DROP_NOT_FINITE;
     }

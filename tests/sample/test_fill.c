@@ -226,6 +226,20 @@ static void check_integrals(const Fill *f) {
 }
 static void test_integrals(void **unused) { (void)unused, for_all(check_integrals); }
 
+/* The byte that is not 0 lies anywhere, or nowhere: no more is told than the lines before it. */
+static void check_zeros(const Fill *f) {
+    enum { MOST = 3000 };
+    unsigned char v[MOST] = {0};
+    for (uint32_t i = 0; i < 4000; i++) {
+        const uint64_t from = words() >> 60, bytes = (words() >> 32) % (MOST - 16), at = (words() >> 32) % MOST;
+        v[at] = 1 + i % 255;
+        const bool within = at >= from && at < from + bytes;
+        assert_int_equal(f->zeros(v + from, bytes), within ? (at - from) / 64 * 64 : bytes);
+        v[at] = 0;
+    }
+}
+static void test_zeros(void **unused) { (void)unused, for_all(check_zeros); }
+
 /* ---- the Gaussian filter */
 /* The part of the filter up to where a sample lies is what it was drawn by, to the last places of what erf gives. */
 static void test_gaussian(void **unused) {
@@ -249,9 +263,9 @@ static void test_gaussian(void **unused) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_blocks),  cmocka_unit_test(test_streams),
-                                       cmocka_unit_test(test_spread),  cmocka_unit_test(test_sums),
-                                       cmocka_unit_test(test_walks),   cmocka_unit_test(test_integrals),
-                                       cmocka_unit_test(test_gaussian)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_blocks), cmocka_unit_test(test_streams),
+                                       cmocka_unit_test(test_spread), cmocka_unit_test(test_sums),
+                                       cmocka_unit_test(test_walks),  cmocka_unit_test(test_integrals),
+                                       cmocka_unit_test(test_zeros),  cmocka_unit_test(test_gaussian)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
