@@ -233,7 +233,7 @@ AssetProbe api_probe_asset;
 GivenSizes api_given_sizes; /* of opt.lengths */
 
 /* ---- kernels.c: facts of the program */
-uint64_t api_event_bound(const SltProgram *p);                /* the most events that one sample may meet */
+uint64_t api_event_bound(const SltProgram *p); /* the most events that one sample may meet */
 /* What the scene knows before any kernel is compiled: kinds of sites, lists, geometries. */
 SltStatus api_site_facts(SltProgram *p, SltError *err);
 bool api_too_many_sites(const SltProgram *p);                 /* written out, to compile what looks for boundaries */

@@ -400,7 +400,7 @@ static void test_choose_width(void **state) {
         assert_true(c.why == WIDTH_MOST_CODE && c.vectors == 1 && c.found > 4400 && c.limit == 4096);
         c = back_width_choice(&loop, 0, &o); /* it keeps the product, and x where registers are many */
         assert_true(c.why == WIDTH_SHORT_LOOP && c.vectors == 4 && c.found == (i == 2 ? 2 : 1));
-        assert_int_equal(c.limit, i == 2 ? 7 : 3);
+        assert_int_equal(c.limit, i == 2 ? 8 : 3);
         assert_int_equal(back_adjoint_lanes(&o, PREC_F32), 16);
         assert_int_equal(back_adjoint_lanes(&o, PREC_F64), 8);
     }

@@ -74,8 +74,9 @@ static void look_at_loops(Fn *fn, const Block *b, uint32_t registers, Loops *out
  * an operand from memory. Not of what compares neighbouring lanes, which takes masks through general registers.
  * Compiling so much code must not cost more than it gains. */
 static WidthChoice vectors(Fn *fn, const Target *t) {
-    enum { LOOP = 160, SMALL = 600, LARGE = 4096 };
-    const uint32_t registers = t->vector_bytes == 64 ? 32 : FEW_REGISTERS, spare = registers / 8;
+    enum { SMALL = 600, LARGE = 4096 };
+    const bool few = t->vector_bytes < 64;
+    const uint32_t registers = few ? FEW_REGISTERS : 2 * FEW_REGISTERS, long_loop = few ? 160 : 200;
     uint32_t most = 0;
     for (const Fn *part = fn; part; part = part->next_part) {
         uint32_t count = back_count_insts(part->body);
@@ -94,11 +95,11 @@ static WidthChoice vectors(Fn *fn, const Target *t) {
         pairs |= uses_pairs(part->body);
         arena_reset(&fn->session->scratch, m);
     }
-    const uint32_t room = (registers - spare) / 4;
+    const uint32_t spare = few ? 2 : 0, room = (registers - spare) / 4; /* else masks have registers of their own */
     if (!loops.longest) return (WidthChoice){.vectors = 2, .why = WIDTH_STRAIGHT};
     if (pairs) return (WidthChoice){.vectors = 2, .why = WIDTH_NEIGHBOURS};
-    if (loops.longest > LOOP)
-        return (WidthChoice){.vectors = 2, .why = WIDTH_LONG_LOOP, .found = loops.longest, .limit = LOOP};
+    if (loops.longest > long_loop)
+        return (WidthChoice){.vectors = 2, .why = WIDTH_LONG_LOOP, .found = loops.longest, .limit = long_loop};
     if (loops.kept > room)
         return (WidthChoice){.vectors = 2, .why = WIDTH_MUCH_KEPT, .found = loops.kept, .limit = room};
     return (WidthChoice){.vectors = 4, .why = WIDTH_SHORT_LOOP, .found = loops.kept, .limit = room};
