@@ -63,6 +63,7 @@ static void look_at_loops(Fn *fn, const Block *b, uint32_t registers, Loops *out
         for (uint32_t p = 0; p < body->nparams; p++) kept += body->params[p]->flags & BACK_VARYING ? 1 : 0;
         arena_reset(&fn->session->scratch, m);
         out->longest = size > out->longest ? size : out->longest;
+        if (i->op == OP_revloop && registers > FEW_REGISTERS) kept = 0; /* adjoints of many values: they spill anyway */
         out->kept = kept > out->kept ? kept : out->kept;
     }
 }
@@ -74,8 +75,9 @@ static void look_at_loops(Fn *fn, const Block *b, uint32_t registers, Loops *out
  * an operand from memory. Not of what compares neighbouring lanes, which takes masks through general registers.
  * Compiling so much code must not cost more than it gains. */
 static WidthChoice vectors(Fn *fn, const Target *t) {
-    enum { SMALL = 600, LARGE = 4096 };
+    enum { LARGE = 4096 };
     const bool few = t->vector_bytes < 64;
+    const uint32_t small = few ? 600 : 1000;
     const uint32_t registers = few ? FEW_REGISTERS : 2 * FEW_REGISTERS, long_loop = few ? 160 : 200;
     uint32_t most = 0;
     for (const Fn *part = fn; part; part = part->next_part) {
@@ -83,7 +85,7 @@ static WidthChoice vectors(Fn *fn, const Target *t) {
         most = count > most ? count : most;
     }
     if (most > LARGE) return (WidthChoice){.vectors = 1, .why = WIDTH_MOST_CODE, .found = most, .limit = LARGE};
-    if (most > SMALL) return (WidthChoice){.vectors = 2, .why = WIDTH_MUCH_CODE, .found = most, .limit = SMALL};
+    if (most > small) return (WidthChoice){.vectors = 2, .why = WIDTH_MUCH_CODE, .found = most, .limit = small};
     Loops loops = {0};
     bool pairs = false;
     for (Fn *part = fn; part; part = part->next_part) {
