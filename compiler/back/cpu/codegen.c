@@ -166,6 +166,16 @@ bool unit_init(CodeUnit *u, uint32_t n, uint32_t nfunctions) {
     return u->k && u->width && u->instructions && u->functions;
 }
 
+static void verify(CodeUnit *u) {
+#ifndef NDEBUG
+    char *text = NULL;
+    if (u->ll->VerifyModule(u->mod, LLVMReturnStatusAction, &text)) fail(u, SLT_INTERNAL, text);
+    u->ll->DisposeMessage(text);
+#else
+    (void)u;
+#endif
+}
+
 void unit_emit(Session *s, CodeUnit *u) {
     const LlvmApi *ll = u->ll;
     u->session = s;
@@ -180,16 +190,14 @@ void unit_emit(Session *s, CodeUnit *u) {
         arena_reset(&s->scratch, mark);
         if (why) return;
     }
-#ifndef NDEBUG
-    char *text = NULL;
-    if (ll->VerifyModule(u->mod, LLVMReturnStatusAction, &text)) fail(u, SLT_INTERNAL, text);
-    ll->DisposeMessage(text);
-#endif
+    verify(u);
 }
 
 void unit_write(Session *s, CodeUnit *u) {
     u->session = s;
     if (!run_passes(u) || !widen_masks(u)) return;
+    verify(u);
+    if (u->status) return;
     for (uint32_t i = 0; i < u->nfunctions; i++)
         u->instructions[u->functions[i].kernel] += count_instructions(u->ll, u->functions[i].f);
     write_module(u);
