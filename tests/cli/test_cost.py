@@ -220,6 +220,17 @@ shader float main(float2 x) {
         self.assertEqual(k["machine"]["calls"], {})
         self.assertGreater(k["machine"]["bytes"], 3 * k["machine"]["instructions"])
 
+    def test_masks_travel_whole(self):
+        """Lanes that leave a loop: no mask is packed on its way from one iteration to the next, where masks are vectors."""
+        self.put("c.salt", """param float2 c = { -0.4, 0.6 };
+[NoDisc] shader float main(float2 x) { float2 z = 2.0 * x; int n = 0;
+for (int i = 0; i < 200; i++) { if (dot(z, z) > 4.0) break; z = float2(z.x * z.x - z.y * z.y, 2.0 * z.x * z.y) + c; n++; }
+return float(n); }""")
+        for target in "avx2", "sse2":
+            lines = Assembly(self, "c.salt", "value", "--target-cpu", target).lines
+            self.assertTrue(any(re.match(r"v?(movmskp|testp)", line) for line in lines))
+            self.assertEqual([line for line in lines if re.match(r"v?(packss|pmovsxw|punpckl[bw])", line)], [])
+
     def test_lines(self):
         """The loop's line costs most, as often as the loop runs at most; what is dear in it is what stands there."""
         c = self.cost(MARCH)
