@@ -249,9 +249,9 @@ static void split(Finder *f, const Segment *s, double tol, SltDrop reason, int32
 /* ---- root of g on the bracket */
 static bool same_sign(double a, double b) { return (a < 0) == (b < 0); }
 
-/* n: evaluations, which are few. ldexp is a call of the library. */
+/* The greatest for all n from 1023 on. ldexp is a call of the library. */
 static double power_of_two(uint32_t n) {
-    uint64_t bits = (uint64_t)(1023 + n) << 52;
+    uint64_t bits = (uint64_t)(1023 + (n < 1023 ? n : 1023)) << 52;
     double v;
     memcpy(&v, &bits, sizeof v);
     return v;
