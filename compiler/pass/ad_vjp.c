@@ -227,6 +227,7 @@ static void sweep(Vjp *v, const Fn *primal) {
         prev = i->prev;
         if (i->id < v->f.n) reverse_inst(v, i);
     }
+    if (v->o->no_value) n = 0;
     for (uint32_t d = 0; v->o->wrt_x && d < fn->dim; d++) {
         Inst *g = NULL;
         for (Inst *i = fn->body->first; i; i = i->next)

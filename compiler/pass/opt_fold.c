@@ -139,18 +139,17 @@ static void fold_if(Fold *f, Inst *i) {
     }
 }
 
-/* Is v, a boolean, `value` wherever the flag is true? */
-static bool tells(const Inst *flag, const Inst *v, bool value) {
-    if (flag->op == OP_band) return tells(flag->args[0], v, value) || tells(flag->args[1], v, value);
-    return value ? flag == v : flag->op == OP_bnot && flag->args[0] == v;
-}
-
 static void fold_loop(Fold *f, Inst *i) {
     Block *body = i->region[0];
     /* What ends the loop when it changes has its initial value in every iteration: "already found" is false. */
     for (uint32_t c = 0; c < i->nargs; c++)
-        if (i->args[c]->op == OP_constb && tells(body->last->args[0], body->last->args[c + 1], i->args[c]->imm.i != 0))
-            replace(f, body->params[c + 1], i->args[c]);
+        for (int value = 0; i->args[c]->type == TY_BOOL && value < 2; value++) {
+            Inst *init = i->args[c];
+            if (!walk_begins(i, init, value) || !walk_tells(body->last->args[0], body->last->args[c + 1], value))
+                continue;
+            if (init->op != OP_constb) init = constant(f, body->first, TY_BOOL, (Imm){.i = value});
+            replace(f, body->params[c + 1], init);
+        }
     /* A carried value that its own next value returns is its initial value. */
     for (uint32_t c = 0; c < i->nargs; c++)
         if (body->last->args[c + 1] == body->params[c + 1]) replace(f, body->params[c + 1], i->args[c]);

@@ -100,6 +100,7 @@ typedef struct AdOptions {
     bool wrt_x;           /* also (or only, with wrt_none) with respect to the position */
     bool wrt_none;        /* with respect to no parameter */
     bool wrt_seeds;       /* also with respect to seeds: opt_marches.c */
+    bool no_value;        /* ad_vjp: without the float outputs themselves */
     uint32_t tape_budget; /* bytes a lane above which loops are checkpointed, in as many levels as it takes; 0: 64 KiB,
                              of which loops with queries 4 KiB */
     uint8_t replay;       /* AD_REPLAY_* */
@@ -107,8 +108,8 @@ typedef struct AdOptions {
 } AdOptions;
 /* Forward: outputs the primal's outputs that are float, then their tangents. Tangents come in as dparam and IN_DX*. */
 Fn *ad_jvp(PassCtx *ctx, const Fn *fn, const AdOptions *o);
-/* Reverse: seeds IN_SEED0.. for the float outputs; adds to parameter adjoints (adj); outputs the float outputs [then,
- * with wrt_x, the adjoints of x]. */
+/* Reverse: seeds IN_SEED0.. for the float outputs; adds to parameter adjoints (adj); outputs the float outputs unless no_value
+ * [then, with wrt_x, the adjoints of x]. */
 typedef struct TapeReport {
     uint32_t frame_values;   /* numbers in all frames, counted once a loop */
     uint64_t bytes_per_lane; /* worst case */

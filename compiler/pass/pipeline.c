@@ -35,6 +35,7 @@ void pipeline_primal(PassCtx *ctx, Fn *fn) {
     RUN(opt_fold);
     RUN(opt_induction);
     RUN(opt_dce);
+    if (RUN(opt_rotate)) RUN(opt_fold), RUN(opt_dce);
     if (RUN(opt_unroll)) RUN(opt_fold);
     RUN(opt_jam);
     RUN(opt_cse);
@@ -230,7 +231,10 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
     if (chunks && needs[K_PRUNED]) out->fn[K_PRUNED] = variant_value(ctx, chunks);
     if (chunks && needs[K_PRUNE]) out->fn[K_PRUNE] = variant_prune(ctx, chunks);
     if (needs[K_JVP]) out->fn[K_JVP] = ad_jvp(ctx, value, &wrt);
-    if (needs[K_VJP]) out->fn[K_VJP] = ad_vjp(ctx, value, &wrt, &out->tape[K_VJP]);
+    /* Over pieces the sweep runs each of them again: f, which images do not ask it for, would be a second time. */
+    AdOptions of_value = wrt;
+    of_value.no_value = ir_has(value->body, OP_told);
+    if (needs[K_VJP]) out->fn[K_VJP] = ad_vjp(ctx, value, &of_value, &out->tape[K_VJP]);
     if (needs[K_VJP]) ad_part_rows(out->fn[K_VJP]);
     if (jumps) {
         if (needs[K_REGION]) out->fn[K_REGION] = variant_region(ctx, primal, &variant);

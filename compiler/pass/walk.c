@@ -98,6 +98,18 @@ bool walk_make_site(Fn *fn, Inst *at, Inst *g0, Inst *g1, SiteInfo *info) {
     return true;
 }
 
+bool walk_tells(const Inst *flag, const Inst *v, bool value) {
+    if (flag->op == OP_band) return walk_tells(flag->args[0], v, value) || walk_tells(flag->args[1], v, value);
+    return value ? flag == v : flag->op == OP_bnot && flag->args[0] == v;
+}
+
+bool walk_begins(const Inst *loop, const Inst *v, bool value) {
+    if (v->op == OP_constb) return (v->imm.i != 0) == value;
+    for (const Block *b = loop->block; b->owner; b = b->owner->block)
+        if (b->owner->op == OP_if_ && b == b->owner->region[0] && walk_tells(b->owner->args[0], v, value)) return true;
+    return false;
+}
+
 void walk_splice(Block *from, Inst *at) {
     Block *to = at->block;
     for (Inst *i = from->first, *next; i; i = next) {

@@ -37,6 +37,10 @@ void walk_resolve_forwards(Block *b);
  * on. Completes info, which has room in fn->sites. false: in too many loops. */
 bool walk_make_site(Fn *fn, Inst *at, Inst *g0, Inst *g1, SiteInfo *info);
 
+/* Is v, a boolean, `value` wherever the flag is true? Wherever the loop is reached? */
+bool walk_tells(const Inst *flag, const Inst *v, bool value);
+bool walk_begins(const Inst *loop, const Inst *v, bool value);
+
 /* Moves every instruction of `from` except its yield before `at`; the yield is dropped. */
 void walk_splice(Block *from, Inst *at);
 

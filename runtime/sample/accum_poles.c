@@ -50,7 +50,8 @@ static void set_seeds(Poles *q, uint32_t lo, uint32_t hi) {
 }
 
 static bool value_is_finite(const Poles *q, uint32_t i) {
-    bool finite = batch_has(q->b, SLT_OUT_F);
+    if (!batch_has(q->b, SLT_OUT_F)) batch_call(q->b, SLT_K_VALUE, q->n);
+    bool finite = true;
     for (uint32_t c = 0; finite && c < q->b->s->channels; c++) {
         double f = batch_get(q->b, SLT_OUT_F, c, i);
         finite = f - f == 0;

@@ -518,7 +518,7 @@ SltStatus interior_integral(Run *r, uint32_t replicate, uint64_t samples, double
     pattern_init(&p.pattern, s, r->j->seed, RNG_INTEGRAL, 0, replicate);
     uint64_t tiles = (p.samples + INTEGRAL_TILE - 1) / INTEGRAL_TILE;
     /* What a shader prints comes from the value kernel. */
-    p.both = value && gradient && s->kernel[SLT_K_VJP] && !s->print;
+    p.both = value && gradient && s->kernel[SLT_K_VJP] && scene_outputs(s, SLT_K_VJP, SLT_OUT_F) && !s->print;
     for (int pass = value && !p.both ? 0 : 1; pass < (gradient && s->kernel[SLT_K_VJP] ? 2 : 1); pass++) {
         p.gradient = pass == 1;
         for (uint32_t c = 0; c < s->channels && gradient; c++) p.targets[c] = gradient + (uint64_t)c * s->nfloats;

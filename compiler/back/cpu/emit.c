@@ -332,6 +332,7 @@ static void emit_special(Emit *e, Inst *i);
 void emit_range(Emit *e, Inst *from, const Inst *end) {
     Run run;
     run.n = 0;
+    e->runs.root = NULL; /* the code may be emitted twice */
     for (Inst *i = from; i != end && !e->error; i = i->next) {
         bool joins = !ir_ops[i->op].special && emit_is_vector(e, i) && (i->op != OP_band || i->args[1]->op != OP_both);
         if (!joins && !passes_run(e, i)) end_run(e, &run);

@@ -42,7 +42,12 @@ typedef struct Emit {
     Part told;  /* a pointer in memory: what queries have found */
     Part lanes; /* in memory, one part of integers; NULL: not wanted yet */
     CullSlot cull[BACK_MAX_CULL];
-    Part *mask;           /* P parts, or NULL: all lanes */
+    Part *mask; /* P parts, or NULL: all lanes */
+    struct {
+        const Inst *root; /* the integer whose runs these are, in `block`; NULL: none are known */
+        const Block *block;
+        Part like[BACK_MAX_PARTS][6], end[BACK_MAX_PARTS];
+    } runs;               /* lanes side by side whose adjoints go to one place: emit_param.c */
     bool spread;          /* lanes are not those of samples, but of what emit_spread has listed */
     Part *val;            /* by id * P + part */
     ChunkState *chunks;   /* of a straight-line program in chunks; NULL: it is not */

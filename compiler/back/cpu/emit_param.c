@@ -95,24 +95,47 @@ static Part moved_up(Emit *e, Part v, uint32_t k) {
     return LL(BuildShuffleVector)(e->b, v, LL(GetPoison)(LL(TypeOf)(v)), LL(ConstVector)(pick, e->L), "");
 }
 
-/* Neighbouring lanes of one index are added up into the last of them, *ends: samples that lie side by side see one
- * triangle, and an entry of the log costs as much whatever it adds. */
-static void add_runs(Emit *e, LogRow *r, Part *ends) {
+/* The integer of the same block that an index is a function of: where it is the same the index is. */
+static const Inst *root_of(const Inst *index) {
+    for (;;) {
+        const Inst *next = NULL;
+        if (index->op != OP_iparam && (ir_ops[index->op].special || index->op == OP_proj)) return index;
+        for (uint32_t a = 0; a < index->nargs; a++) {
+            if (ir_is_const(index->args[a])) continue;
+            if (next) return index;
+            next = index->args[a];
+        }
+        if (!next || next->type != TY_INT || next->block != index->block) return index;
+        index = next;
+    }
+}
+
+/* Which neighbouring lanes of a part have one index: of all indices that one integer makes, in a block, they are the
+ * same. */
+static void find_runs(Emit *e, const Inst *index, uint32_t p, Part on) {
     LLVMTypeRef bits = LL(IntTypeInContext)(e->ctx, e->L), lanes = emit_vector_type(e, e->t_i1);
-    Part first = LL(ConstInt)(bits, 1, 0),
-         like = LL(BuildICmp)(e->b, LLVMIntEQ, r->index, moved_up(e, r->index, 1), "");
-    /* Bit l: from lane l - k on it is one run. */
-    like = LL(BuildAnd)(e->b, LL(BuildBitCast)(e->b, like, bits, ""), LL(BuildNot)(e->b, first, ""), "");
-    *ends = LL(BuildBitCast)(e->b, LL(BuildNot)(e->b, LL(BuildLShr)(e->b, like, first, ""), ""), lanes, "");
-    for (uint32_t k = 1; k < e->L; k *= 2) {
-        Part mask = LL(BuildBitCast)(e->b, like, lanes, "");
+    Part root[BACK_MAX_PARTS], one = LL(ConstInt)(bits, 1, 0);
+    emit_parts(e, (Inst *)index, root);
+    Part like = LL(BuildICmp)(e->b, LLVMIntEQ, root[p], moved_up(e, root[p], 1), "");
+    Part both = LL(BuildBitCast)(e->b, on, bits, "");
+    /* Lanes that are off may have another index for the same integer. Bit l: from lane l - k on it is one run. */
+    both = LL(BuildAnd)(e->b, both, LL(BuildShl)(e->b, both, one, ""), "");
+    like = LL(BuildAnd)(e->b, LL(BuildBitCast)(e->b, like, bits, ""), both, "");
+    e->runs.end[p] = LL(BuildBitCast)(e->b, LL(BuildNot)(e->b, LL(BuildLShr)(e->b, like, one, ""), ""), lanes, "");
+    for (uint32_t k = 1, step = 0; k < e->L; k *= 2, step++) {
+        e->runs.like[p][step] = LL(BuildBitCast)(e->b, like, lanes, "");
+        like = LL(BuildAnd)(e->b, like, LL(BuildShl)(e->b, like, LL(ConstInt)(bits, k, 0), ""), "");
+    }
+}
+
+/* Neighbouring lanes of one index are added up into the last of them: samples that lie side by side see one triangle,
+ * and an entry of the log costs as much whatever it adds. */
+static void add_runs(Emit *e, LogRow *r, uint32_t p) {
+    for (uint32_t k = 1, step = 0; k < e->L; k *= 2, step++)
         for (uint32_t m = 0; m < r->n; m++) {
             Part more = LL(BuildFAdd)(e->b, r->value[m], moved_up(e, r->value[m], k), "");
-            r->value[m] = LL(BuildSelect)(e->b, mask, more, r->value[m], "");
+            r->value[m] = LL(BuildSelect)(e->b, e->runs.like[p][step], more, r->value[m], "");
         }
-        Part before = LL(BuildShl)(e->b, like, LL(ConstInt)(bits, k, 0), "");
-        like = LL(BuildAnd)(e->b, like, before, "");
-    }
 }
 
 /* Where a mesh's pieces are differentiated the three coordinates of a vertex go together. */
@@ -134,6 +157,9 @@ static void log_adjoint(Emit *e, Inst *i) {
     Part cap = emit_load(e, e->t_i64, emit_field_ptr(e, offsetof(SltKernelArgs, log_cap)), 8, true);
     Part indices = emit_load(e, e->t_ptr, emit_field_ptr(e, offsetof(SltKernelArgs, log_index)), 8, true);
     Part values = emit_load(e, e->t_ptr, emit_field_ptr(e, offsetof(SltKernelArgs, log_value)), 8, true);
+    const Inst *root = root_of(i->args[0]);
+    const bool runs = e->told && e->L > 1, known = root == e->runs.root && i->block == e->runs.block;
+    e->runs.root = root, e->runs.block = i->block;
     for (uint32_t p = 0; p < e->P; p++) {
         Part on = emit_counting_lanes(e, p, NULL), zero = LL(ConstNull)(LL(TypeOf)(value[0][p])), any = NULL;
         r.index = emit_clamped_index(e, i->args[0], index[p], i->imm.slot.count);
@@ -141,7 +167,8 @@ static void log_adjoint(Emit *e, Inst *i) {
             r.value[k] = value[k][p];
             if (e->told) r.value[k] = LL(BuildSelect)(e->b, on, r.value[k], zero, "");
         }
-        if (e->told && e->L > 1) add_runs(e, &r, &on);
+        if (runs && !known) find_runs(e, root, p, on);
+        if (runs) add_runs(e, &r, p), on = e->runs.end[p];
         /* Zeros add nothing: texels in shadow, numbers of a geometry that the ray did not meet. */
         for (uint32_t k = 0; k < r.n; k++) {
             Part some = LL(BuildFCmp)(e->b, LLVMRealUNE, r.value[k], zero, "");
