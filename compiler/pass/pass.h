@@ -108,8 +108,8 @@ typedef struct AdOptions {
 } AdOptions;
 /* Forward: outputs the primal's outputs that are float, then their tangents. Tangents come in as dparam and IN_DX*. */
 Fn *ad_jvp(PassCtx *ctx, const Fn *fn, const AdOptions *o);
-/* Reverse: seeds IN_SEED0.. for the float outputs; adds to parameter adjoints (adj); outputs the float outputs unless no_value
- * [then, with wrt_x, the adjoints of x]. */
+/* Reverse: seeds IN_SEED0.. for the float outputs; adds to parameter adjoints (adj); outputs the float outputs unless
+ * no_value [then, with wrt_x, the adjoints of x]. */
 typedef struct TapeReport {
     uint32_t frame_values;   /* numbers in all frames, counted once a loop */
     uint64_t bytes_per_lane; /* worst case */
