@@ -34,7 +34,7 @@ LLVMTypeRef emit_scalar_type(Emit *e, IrType t) {
 
 LLVMTypeRef emit_vector_type(Emit *e, LLVMTypeRef scalar) { return e->W == 1 ? scalar : LL(VectorType)(scalar, e->L); }
 
-Part *emit_slot(Emit *e, const Inst *i) { return e->val + (size_t)i->id * e->P; }
+Part *emit_slot(Emit *e, const Inst *i) { return e->val + (size_t)i->id * e->plan.P; }
 
 Part emit_int(Emit *e, LLVMTypeRef t, uint64_t v) { return LL(ConstInt)(t, v, false); }
 
@@ -265,7 +265,7 @@ static void setup_notes(Emit *e, uint32_t id) {
 enum { HOIST_LIMIT = 128 };
 
 static bool is_read(const Inst *i) { return i->op == OP_param || i->op == OP_iparam || i->op == OP_dparam; }
-static bool ready(const Emit *e, const Inst *i) { return ir_is_const(i) || e->val[(size_t)i->id * e->P]; }
+static bool ready(const Emit *e, const Inst *i) { return ir_is_const(i) || e->val[(size_t)i->id * e->plan.P]; }
 
 /* A read of a parameter at an index that is known or hoisted is emitted when hoisted arithmetic asks for it. */
 static bool available(Emit *e, Inst *i) {

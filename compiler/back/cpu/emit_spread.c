@@ -1,6 +1,6 @@
 /* A loop whose iterations add to adjoints and do nothing else, as many in each lane as the lane wants: over the sides
  * of a piece. Most lanes want few, and with a lane for each sample most would be off. So iterations are listed, those
- * of all lanes, and run a vector of them at a time: what they read of their sample comes from its lane. */
+ * of all lanes, and run a part of a vector of them at a time: what they read of their sample comes from its lane. */
 #include "compiler/back/cpu/emit.h"
 
 enum { SPREAD_MAX = 64 /* iterations of a lane */, READ_MAX = 64 /* values of a lane */ };
@@ -131,30 +131,23 @@ static Part from_lanes(Emit *e, const Part *v, IrType type, Part lane) {
     return type == TY_BOOL ? LL(BuildTrunc)(e->b, x, own, "") : LL(BuildBitCast)(e->b, x, own, "");
 }
 
-/* The body, for the items from `at` on. */
+/* The body, for the items from `at` on: one part of them, as most lists are short. */
 static void emit_items(Emit *e, const Spread *s, Part at, Part count) {
-    Part lane[BACK_MAX_PARTS], k[BACK_MAX_PARTS], here[BACK_MAX_PARTS], *outer = e->mask;
+    Part *outer = e->mask, here = LL(BuildICmp)(e->b, LLVMIntULT, counting_from(e, at), emit_splat(e, count), "");
     Part(*kept)[BACK_MAX_PARTS] = arena_alloc(e->arena, (s->nread + 1) * sizeof *kept);
-    for (uint32_t p = 0; p < e->P; p++) {
-        Part first = LL(BuildAdd)(e->b, at, emit_int(e, e->t_i32, p * e->L), "");
-        Part item = emit_load(e, emit_vector_type(e, e->t_i32),
-                              emit_gep(e, e->t_i32, s->list, LL(BuildZExt)(e->b, first, e->t_i64, "")), 4, false);
-        lane[p] = LL(BuildAnd)(e->b, item, integers(e, e->W - 1), "");
-        k[p] = LL(BuildLShr)(e->b, item, integers(e, s->lane_bits), "");
-        here[p] = LL(BuildICmp)(e->b, LLVMIntULT, counting_from(e, first), emit_splat(e, count), "");
-    }
+    Part item = emit_load(e, emit_vector_type(e, e->t_i32),
+                          emit_gep(e, e->t_i32, s->list, LL(BuildZExt)(e->b, at, e->t_i64, "")), 4, false);
+    Part lane = LL(BuildAnd)(e->b, item, integers(e, e->W - 1), "");
     for (uint32_t i = 0; i < s->nread; i++) {
-        Part *slot = emit_slot(e, s->read[i]);
         emit_parts(e, s->read[i], kept[i]);
-        for (uint32_t p = 0; p < e->P; p++) slot[p] = from_lanes(e, kept[i], (IrType)s->read[i]->type, lane[p]);
+        emit_slot(e, s->read[i])[0] = from_lanes(e, kept[i], (IrType)s->read[i]->type, lane);
     }
     s->k->flags |= BACK_VARYING;
-    for (uint32_t p = 0; p < e->P; p++) emit_slot(e, s->k)[p] = k[p];
-    e->mask = here, e->spread = true;
+    emit_slot(e, s->k)[0] = LL(BuildLShr)(e->b, item, integers(e, s->lane_bits), "");
+    e->mask = &here, e->spread = true, e->P = 1, e->W = e->L;
     emit_block(e, s->loop->region[0]);
-    e->mask = outer, e->spread = false;
-    for (uint32_t i = 0; i < s->nread; i++)
-        for (uint32_t p = 0; p < e->P; p++) emit_slot(e, s->read[i])[p] = kept[i][p];
+    e->mask = outer, e->spread = false, e->P = e->plan.P, e->W = e->plan.W;
+    for (uint32_t i = 0; i < s->nread; i++) emit_slot(e, s->read[i])[0] = kept[i][0];
 }
 
 bool emit_spread(Emit *e, Inst *loop) {
@@ -173,7 +166,7 @@ bool emit_spread(Emit *e, Inst *loop) {
     emit_at(e, some);
     emit_items(e, &s, at, count);
     if (e->error) return true;
-    emit_incoming(e, at, LL(BuildAdd)(e->b, at, emit_int(e, e->t_i32, e->W), ""), emit_here(e));
+    emit_incoming(e, at, LL(BuildAdd)(e->b, at, emit_int(e, e->t_i32, e->L), ""), emit_here(e));
     LL(BuildBr)(e->b, head);
     emit_at(e, done);
     return true;
