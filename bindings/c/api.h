@@ -72,7 +72,6 @@ struct SltProgram {
     LateKernels late;
     GradientKernels *turns; /* kernels of derivatives for other wrt; NULL until there are any */
     uint64_t turn;
-    bool value_branches;                                    /* of 8-bit pixels: lanes of the kernel branch */
     uint8_t compiled_few[K_KINDS], compiled_level[K_KINDS]; /* of BackOptions; 0 where it is plain */
     SltKernel **cull_kernels;                               /* by [Cull] loop */
     uint32_t nlists;                                        /* loops with lists, [Cull] loops first */

@@ -293,6 +293,10 @@ static void build_body(Session *s, void *arg) {
         p->compiled_few[k] = !is_long(&set, k) && takes_few(p, k);
         p->compiled_level[k] = is_long(&set, k) ? 0 : (uint8_t)level;
         const KernelRequest this = {kernel_names[k], set.fn[k]};
+        if (k == K_VALUE && p->opt.rgba8) {
+            const BackOptions o = back_options(p, 0, 0, level);
+            back_share_row(set.fn[k], &p->target, back_width_choice(&this, 0, &o).lanes);
+        }
         if (p->opt.interpret) p->scene.kernel[k] = interpreted;
         else if (q->late[k]) put_off(p, k, &this, p->compiled_few[k], is_long(&set, k), level);
         else {
@@ -313,7 +317,6 @@ static void build_body(Session *s, void *arg) {
         p->module_of[k] = m;
         uint32_t width = back_width(m, kernel_names[k]);
         if (width > p->scene.widest) p->scene.widest = width;
-        if (k == K_VALUE && p->opt.rgba8) p->value_branches = back_branches(set.fn[k], &p->target, width);
     }
     if (q->cull)
         for (uint32_t c = 0; c < p->prog->ncull; c++)

@@ -1,7 +1,8 @@
 /* 8-bit pixels straight from the kernel: one sample in the middle of every pixel, strips of rows over threads.
  *
- * Lanes side by side are pixels of a row, written where they belong; of a square where lanes branch, since there
- * neighbours branch otherwise less often than those of a row. Positions of columns are made once, of rows once a strip.
+ * Lanes side by side are pixels of a row, written where they belong, whose y is read once; of a square where lanes
+ * branch, since there neighbours branch otherwise less often than those of a row (back_share_row). Positions of columns
+ * are made once, of rows once a strip.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -35,8 +36,8 @@ typedef struct Pixels {
     SltProgram *p;
     const SltJob *job;
     uint32_t *out;
-    bool squares, asks_pixels;
-    Columns in_row, in_squares; /* lane (column / SIDE * SIDE + row) * SIDE + column % SIDE of a strip */
+    bool squares, same_row, asks_pixels; /* same_row: a call is of one row, whose y it reads once */
+    Columns in_row, in_squares;          /* lane (column / SIDE * SIDE + row) * SIDE + column % SIDE of a strip */
     PixelWorker *worker;
 } Pixels;
 
@@ -81,7 +82,7 @@ static bool place_squares(const Pixels *q, const Columns *row, Columns *c) {
 
 /* Of the lanes of a call, `rows` rows in the order of in_squares or one row. */
 static void place_rows(const Pixels *q, PixelWorker *w, uint32_t first, uint32_t rows) {
-    const size_t lanes = (rows > 1 ? CALL : CALL_ROW) + SLT_PAD, bytes = flt_bytes(q->p);
+    const size_t lanes = q->same_row ? SIDE : (rows > 1 ? CALL : CALL_ROW) + SLT_PAD, bytes = flt_bytes(q->p);
     for (uint32_t r = 0; r < rows; r++) {
         double y = api_middle(q->p, q->job, 1, q->job->size[1] - 1 - first - r);
         for (uint32_t k = r * SIDE; k < r * SIDE + SIDE; k++) set(q->p, w->y, k, y), w->row[k] = (int32_t)(first + r);
@@ -158,7 +159,8 @@ static void merge(void *user, uint32_t worker, uint64_t tile) { (void)user, (voi
 static SltStatus render(SltProgram *p, const SltJob *job, uint32_t *pixels, SltStats *stats, SltError *err) {
     uint64_t strips = (job->size[1] + SIDE - 1) / SIDE;
     Pixels q = {.p = p, .job = job, .out = pixels};
-    q.squares = p->value_branches && job->size[0] % SIDE == 0 &&
+    q.same_row = p->fn[K_VALUE]->same;
+    q.squares = !q.same_row && job->size[0] % SIDE == 0 &&
                 !ir_has(p->fn[K_VALUE]->body, OP_print); /* what is printed comes row by row */
     q.asks_pixels = p->scene.layout[SLT_K_VALUE].reads >> SLT_IN_PIXEL0 & 3;
     uint32_t threads = pool_threads(job->threads, strips);

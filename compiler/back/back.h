@@ -72,9 +72,10 @@ WidthChoice back_width_choice(const KernelRequest *k, uint32_t j, const BackOpti
  * place; the adjoints of those read only at varying indices go to the log. Are there any? */
 bool back_dense_adjoints(Fn *fn, uint8_t *dense);
 
-/* Do lanes of this kernel, `width` of them, part at branches, or search along rays? Then those that want the same had
- * better be side by side. */
-bool back_branches(Fn *fn, const Target *target, uint32_t width);
+/* Sets Fn.same to what pixels of a row share, or to nothing if pixels of a square had better be side by side: where
+ * lanes part at branches, or search along rays, those of a square more often want the same. Rows are worth it where
+ * they save more vector instructions than branches go around. */
+void back_share_row(Fn *fn, const Target *target, uint32_t width);
 
 typedef struct CompiledModule CompiledModule;
 /* How many sums a parameter SltKernelArgs.adj has. Of ADJ_LANES as many as fill a cache line, or the width if it is

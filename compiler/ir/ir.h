@@ -172,6 +172,7 @@ struct Fn {
     Fn *next_part;         /* a site kernel may come in parts, each for some sites; NULL: the last */
     const uint8_t *serves; /* [nsites]: 1 where this part is for the site; NULL: for all */
     Output *outputs;       /* what each value of the top yield is; NULL: they have no roles */
+    uint64_t same;         /* bit by input: samples of one call all have one value, which the caller sees to */
     uint32_t ninsts;       /* after ir_number */
 };
 

@@ -115,6 +115,28 @@ static void test_rgba8(void **state) {
         }
 }
 
+/* Of an input that a call shares only the first is read. */
+static void test_same(void **state) {
+    (void)state;
+    _Alignas(64) float x[N], y[N];
+    _Alignas(64) uint32_t out[N];
+    for (int i = 0; i < N; i++) x[i] = (float)i / N, y[i] = i ? __builtin_nanf("") : 0.75f;
+    for (uint32_t w = 1; w <= 32; w *= 4) {
+        Session *s = session_create(0);
+        Fn *fn = colours(s, 3);
+        fn->same = ~(1ull << IN_X0);
+        CompiledModule *m = compile(s, fn, w, BACK_PIXELS_RAW);
+        SltKernelArgs a = {.in = {[IN_X0] = x, [IN_X1] = y}, .out = {out}, .n_valid = N};
+        back_kernel(m, "kernel")(&a, N);
+        for (int i = 0; i < N; i++) {
+            assert_int_equal(out[i] & 255, (int)(x[i] * 255 + 0.5f));
+            assert_int_equal(out[i] >> 8 & 255, 191);
+        }
+        back_free(m);
+        session_destroy(s);
+    }
+}
+
 /* Through the curve of sRGB: the byte of the picture files, or its neighbour where that rounds from the middle. */
 static void test_srgb8(void **state) {
     (void)state;
@@ -421,11 +443,17 @@ static void test_choose_width(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_print_and_count),    cmocka_unit_test(test_rgba8),
-        cmocka_unit_test(test_spills_are_aligned), cmocka_unit_test(test_srgb8),
-        cmocka_unit_test(test_tape_limit),         cmocka_unit_test(test_files),
-        cmocka_unit_test(test_bad_requests),       cmocka_unit_test(test_target_runs),
-        cmocka_unit_test(test_choose_width),       cmocka_unit_test(test_notes),
+        cmocka_unit_test(test_print_and_count),
+        cmocka_unit_test(test_rgba8),
+        cmocka_unit_test(test_same),
+        cmocka_unit_test(test_spills_are_aligned),
+        cmocka_unit_test(test_srgb8),
+        cmocka_unit_test(test_tape_limit),
+        cmocka_unit_test(test_files),
+        cmocka_unit_test(test_bad_requests),
+        cmocka_unit_test(test_target_runs),
+        cmocka_unit_test(test_choose_width),
+        cmocka_unit_test(test_notes),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

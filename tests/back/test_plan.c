@@ -116,6 +116,50 @@ static void test_width(void **state) {
     session_destroy(s);
 }
 
+/* The nearest of many points, by a loop of which lanes take `work` multiplications where a branch says so; leaves: it
+ * ends for a lane then. */
+static Fn *nearest(Session *s, int work, bool leaves) {
+    Fn *fn = ir_fn(s, &s->module, "p", PREC_F32);
+    Builder b = ir_at_end(fn, fn->body);
+    Inst *x = ir_input(&b, IN_X0), *y = ir_input(&b, IN_X1), *best = ir_constf(&b, 1e30);
+    Inst *loop = ir_loop(&b, 1, &best, (LoopInfo){.max_iters = 64});
+    Builder in = ir_at_end(fn, loop->region[0]);
+    Inst *p = ir_special(&in, OP_param, TY_FLT, 1, &loop->region[0]->params[0], (Imm){.slot = {0, 64}});
+    Inst *dx = ir_emit2(&in, OP_fsub, x, p), *dy = ir_emit2(&in, OP_fsub, y, p);
+    Inst *d = ir_emit3(&in, OP_ffma, dx, dx, ir_emit2(&in, OP_fmul, dy, dy)), *was = loop->region[0]->params[1];
+    Inst *less = ir_emit2(&in, OP_flt, d, was), *i = ir_if(&in, less), *v = d;
+    Builder t = ir_at_end(fn, i->region[0]), e = ir_at_end(fn, i->region[1]);
+    for (int k = 0; k < work; k++) v = ir_emit2(&t, OP_fmul, v, v);
+    ir_yield(&t, 1, &v);
+    ir_yield(&e, 1, &was);
+    Inst *yield[2] = {leaves ? ir_emit1(&in, OP_bnot, less) : ir_constb(&in, true), ir_proj(&in, i, 0)};
+    ir_yield(&in, 2, yield);
+    Inst *out = ir_proj(&b, loop, 0);
+    ir_yield(&b, 1, &out);
+    return fn;
+}
+
+/* A row shares y: it is worth it where it saves more than branches go around, of which squares take fewer. */
+static void test_rows(void **state) {
+    (void)state;
+    Session *s = session_create(0);
+    const Target t = target("avx512");
+    const struct {
+        int work;
+        bool leaves, row;
+    } cases[] = {{0, false, true}, {2, false, true}, {3, false, false}, {40, false, false}, {0, true, false}};
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; k++) {
+        Fn *fn = nearest(s, cases[k].work, cases[k].leaves);
+        back_share_row(fn, &t, 64);
+        assert_int_equal(fn->same != 0, cases[k].row);
+        Plan plan = back_plan(fn, &t, 64);
+        const Inst *x = fn->body->first, *y = x->next;
+        assert_true(back_is_vector(&plan, x));
+        assert_int_equal(back_is_vector(&plan, y), !cases[k].row);
+    }
+    session_destroy(s);
+}
+
 /* A loop of n iterations that stores element k of a, or reads it first. */
 static void fill(Builder *b, Inst *a, uint32_t n, bool reads) {
     Inst *loop = ir_loop(b, 0, NULL, (LoopInfo){.max_iters = n, .exact = true});
@@ -156,7 +200,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_forms),  cmocka_unit_test(test_pairs_need_two_lanes),
         cmocka_unit_test(test_frames), cmocka_unit_test(test_width),
-        cmocka_unit_test(test_zeros),
+        cmocka_unit_test(test_rows),   cmocka_unit_test(test_zeros),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -203,10 +203,37 @@ static bool branches(const Plan *plan, const Block *b) {
     return false;
 }
 
-bool back_branches(Fn *fn, const Target *target, uint32_t width) {
+/* Vector instructions an execution, by the loops around them: those that all lanes run, and those that some may. */
+typedef struct Work {
+    uint64_t all, some;
+} Work;
+
+static void count_work(const Block *b, uint64_t times, bool some, Work *w) {
+    enum { ITERATIONS = 16, MOST = 1 << 16, SEARCH = 100 };
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->flags & BACK_VARYING && i->op != OP_proj) *(some ? &w->some : &w->all) += times;
+        if (i->op == OP_query) w->some += SEARCH * times;
+        bool loops = i->op == OP_loop || i->op == OP_revloop;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            count_work(i->region[r], loops && times < MOST ? times * ITERATIONS : times,
+                       some || (i->flags & BACK_DIVERGES), w);
+    }
+}
+
+static Work work_of(Fn *fn, const Target *target, uint32_t width, uint64_t same, bool *any_branch) {
     ArenaMark m = arena_mark(&fn->session->scratch);
+    Work w = {0};
+    fn->same = same;
     Plan plan = back_plan(fn, target, width);
-    bool any = branches(&plan, fn->body);
+    *any_branch = branches(&plan, fn->body);
+    count_work(fn->body, 1, false, &w);
     arena_reset(&fn->session->scratch, m);
-    return any;
+    return w;
+}
+
+void back_share_row(Fn *fn, const Target *target, uint32_t width) {
+    const uint64_t column = 1ull << SLT_IN_X0 | 1ull << SLT_IN_PIXEL0;
+    bool branch;
+    Work own = work_of(fn, target, width, 0, &branch), shared = work_of(fn, target, width, ~column, &branch);
+    if (branch && own.all < shared.all + shared.some) fn->same = 0;
 }

@@ -100,7 +100,7 @@ static void visit(Analysis *a, Fn *fn, Block *b, bool masked) {
         case OP_print:
         case OP_note:
         case OP_adj: break;
-        case OP_input: mark_if(a, i, i->imm.i < SLT_IN_VARYING); break;
+        case OP_input: mark_if(a, i, i->imm.i < SLT_IN_VARYING && !(fn->same >> i->imm.i & 1)); break;
         case OP_store:
             mark_if(a, i->args[0],
                     varies(i->args[1]) || varies(i->args[2]) || back_diverges_between(b, i->args[0]->block));

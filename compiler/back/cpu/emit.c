@@ -149,6 +149,10 @@ static void emit_input(Emit *e, Inst *i) {
     }
     LLVMTypeRef t = emit_scalar_type(e, i->type);
     unsigned bytes = back_type_bytes(&e->plan, i->type);
+    if (e->fn->same >> slot & 1) {
+        v[0] = emit_load(e, t, e->in[slot], bytes, true);
+        return;
+    }
     Part first = emit_gep(e, t, e->in[slot], e->i);
     for (uint32_t p = 0; p < e->P; p++) {
         Part at = p ? emit_gep(e, t, first, emit_int(e, e->t_i64, (uint64_t)p * e->L)) : first;
