@@ -61,6 +61,7 @@ void pipeline_kernel(PassCtx *ctx, Fn *fn) {
     RUN(opt_dce);
     RUN(lower_rand);
     RUN(lower_math);
+    RUN(opt_lengths);
     RUN(opt_fold);
     RUN(opt_cse);
     RUN(opt_licm);
