@@ -231,6 +231,15 @@ return float(n); }""")
             self.assertTrue(any(re.match(r"v?(movmskp|testp)", line) for line in lines))
             self.assertEqual([line for line in lines if re.match(r"v?(packss|pmovsxw|punpckl[bw])", line)], [])
 
+    def test_only_what_is_read_is_blended(self):
+        """Lanes that leave a loop, behind which only n is read: it is blended in the loop and at its end, z nowhere."""
+        self.put("c.salt", """[NoDisc] shader float main(float2 x) { float2 z = x; int n = 0;
+for (int i = 0; i < 200; i++) { if (dot(z, z) > 4.0) break; z = float2(z.x * z.x - z.y * z.y, 2.0 * z.x * z.y) + x; n++; }
+return float(n); }""")
+        lanes = self.json_cli("explain", "c.salt", "--target-cpu", "avx2")["kernels"]["value"]["lanes"]
+        built = Assembly(self, "c.salt", "value", "--target-cpu", "avx2")
+        self.assertEqual(built.count("vblendvps|vpblendvb"), 2 * lanes // 8)
+
     def test_lines(self):
         """The loop's line costs most, as often as the loop runs at most; what is dear in it is what stands there."""
         c = self.cost(MARCH)

@@ -11,8 +11,9 @@
 
 /* Flags that the analysis leaves on instructions. */
 enum {
-    BACK_VARYING = 1, /* the value differs between lanes */
-    BACK_DIVERGES = 2 /* lanes part at this if_ or loop */
+    BACK_VARYING = 1,  /* the value differs between lanes */
+    BACK_DIVERGES = 2, /* lanes part at this if_ or loop */
+    BACK_READ = 4      /* something reads the value: a result that nothing does need not be blended */
 };
 
 enum { BACK_MAX_WIDTH = 64, BACK_MAX_PARTS = 32, BACK_MAX_CULL = 64 };

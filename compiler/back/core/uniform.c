@@ -136,9 +136,17 @@ static void clear(Block *b) {
     }
 }
 
+static void mark_reads(Block *b) {
+    for (Inst *i = b->first; i; i = i->next) {
+        for (uint32_t j = 0; j < i->nargs; j++) i->args[j]->flags |= BACK_READ;
+        for (uint32_t r = 0; r < i->nregions; r++) mark_reads(i->region[r]);
+    }
+}
+
 void back_analyse_frames(Fn *fn, FrameTable *frames) {
     Analysis a = {0};
     clear(fn->body);
+    mark_reads(fn->body);
     do {
         a.changed = false;
         visit(&a, fn, fn->body, false);

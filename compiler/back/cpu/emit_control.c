@@ -22,7 +22,8 @@ LLVMTypeRef emit_value_type(Emit *e, const Inst *i) {
 Part *emit_new_parts(Emit *e) { return ARENA_ARRAY(e->arena, Part, e->P); }
 
 const Inst *emit_next_proj(const Inst *s, const Inst *p) {
-    p = p ? p->next : s->next;
+    do p = p ? p->next : s->next;
+    while (p && p->op == OP_proj && p->args[0] == s && !(p->flags & BACK_READ));
     return p && p->op == OP_proj && p->args[0] == s ? p : NULL;
 }
 

@@ -10,7 +10,7 @@ uint32_t emit_result_parts(Emit *e, const Inst *value, bool vector, Part *out);
 LLVMTypeRef emit_value_type(Emit *e, const Inst *i); /* of one part */
 Part *emit_new_parts(Emit *e);                       /* room for P of them */
 
-/* The results of s one after the other: the first for p == NULL, NULL after the last. */
+/* The results of s that something reads, one after the other: the first for p == NULL, NULL after the last. */
 const Inst *emit_next_proj(const Inst *s, const Inst *p);
 size_t emit_proj_count(const Inst *i);
 
