@@ -25,10 +25,14 @@ uint32_t back_count_insts(const Block *b) {
 static bool uses_pairs(const Block *b) { return ir_has(b, OP_partner) || ir_has(b, OP_both); }
 
 /* ---- how many vectors a value */
-enum { FEW_REGISTERS = 16 /* before AVX-512 */ };
+enum {
+    FEW_REGISTERS = 16, /* before AVX-512 */
+    MASK_REGISTERS = 7  /* with it: what an instruction can go under; before it masks are vectors */
+};
 typedef struct Loops {
     uint32_t longest; /* instructions of the longest loop; 0: there is none */
     uint32_t kept;    /* most vectors that one keeps from iteration to iteration */
+    bool aside;       /* lanes of one wait aside, and go on: lanes_wait */
 } Loops;
 
 static bool is_inside(const Block *b, const Block *outer) {
@@ -50,6 +54,40 @@ static uint32_t count_read(const Block *b, const Block *loop, bool *seen) {
     return n;
 }
 
+typedef enum Known { IS_FALSE, IS_TRUE, UNKNOWN } Known;
+
+/* A flag, for lanes that take this side of an if_. */
+static Known flag_on(const Inst *v, const Inst *at, uint32_t side) {
+    if (v->op == OP_proj && v->args[0] == at) v = ir_yield_of(at->region[side])->args[v->imm.i];
+    if (v->op == OP_constb) return v->imm.i ? IS_TRUE : IS_FALSE;
+    if (v->op != OP_bnot && v->op != OP_band && v->op != OP_bor) return UNKNOWN;
+    const Known a = flag_on(v->args[0], at, side);
+    if (v->op == OP_bnot) return a == UNKNOWN ? a : a == IS_TRUE ? IS_FALSE : IS_TRUE;
+    const Known b = flag_on(v->args[1], at, side), decides = v->op == OP_band ? IS_FALSE : IS_TRUE;
+    return a == decides || b == decides ? decides : a == b ? a : UNKNOWN;
+}
+
+static bool hangs_on(const Inst *flag, const Inst *at) {
+    if (flag->op == OP_proj) return flag->args[0] == at;
+    if (flag->op != OP_bnot && flag->op != OP_band && flag->op != OP_bor) return false;
+    return hangs_on(flag->args[0], at) || (flag->op != OP_bnot && hangs_on(flag->args[1], at));
+}
+
+/* In a loop that lanes leave from a side of an if_: do others pass over that side, and go on? Then a vector has two
+ * masks, of the lanes inside the loop and of those in that side. */
+static bool lanes_wait(const Inst *loop) {
+    const Block *body = loop->region[0];
+    const Inst *flag = ir_yield_of(body)->args[0];
+    for (const Inst *i = body->first; i && loop->flags & BACK_DIVERGES; i = i->next) {
+        if (i->op != OP_if_ || !(i->flags & BACK_DIVERGES) || !hangs_on(flag, i)) continue;
+        for (uint32_t side = 0; side < 2; side++)
+            if (back_is_empty(i->region[side]) && !back_is_empty(i->region[!side]) &&
+                flag_on(flag, i, side) != IS_FALSE)
+                return true;
+    }
+    return false;
+}
+
 static void look_at_loops(Fn *fn, const Block *b, uint32_t registers, Loops *out) {
     for (const Inst *i = b->first; i; i = i->next) {
         for (uint32_t r = 0; r < i->nregions; r++) look_at_loops(fn, i->region[r], registers, out);
@@ -63,6 +101,7 @@ static void look_at_loops(Fn *fn, const Block *b, uint32_t registers, Loops *out
         for (uint32_t p = 0; p < body->nparams; p++) kept += body->params[p]->flags & BACK_VARYING ? 1 : 0;
         arena_reset(&fn->session->scratch, m);
         out->longest = size > out->longest ? size : out->longest;
+        out->aside |= i->op == OP_loop && lanes_wait(i);
         if (i->op == OP_revloop && registers > FEW_REGISTERS) kept = 0; /* adjoints of many values: they spill anyway */
         out->kept = kept > out->kept ? kept : out->kept;
     }
@@ -104,6 +143,8 @@ static WidthChoice vectors(Fn *fn, const Target *t) {
         return (WidthChoice){.vectors = 2, .why = WIDTH_LONG_LOOP, .found = loops.longest, .limit = long_loop};
     if (loops.kept > room)
         return (WidthChoice){.vectors = 2, .why = WIDTH_MUCH_KEPT, .found = loops.kept, .limit = room};
+    if (loops.aside && !few)
+        return (WidthChoice){.vectors = 2, .why = WIDTH_MANY_MASKS, .found = 2 * 4, .limit = MASK_REGISTERS};
     return (WidthChoice){.vectors = 4, .why = WIDTH_SHORT_LOOP, .found = loops.kept, .limit = room};
 }
 
