@@ -97,6 +97,11 @@ int back_emit(Session *s, const KernelRequest *k, uint32_t n, const BackOptions 
               size_t *size, const char **why);
 const char *back_llvm_version(void); /* of the headers; another major version at run time is refused */
 const char *back_llvm_file(void);    /* the library tried first, or the name the loader is asked for; loads nothing */
-bool back_opens_llvm(void);          /* this thread loads LLVM: what aborts now has no memory */
+/* Loads LLVM on a thread of its own, once a process, if kernels of this source file will probably be compiled: parsing
+ * and passes run meanwhile. With the cache that is where the file was saved after the last entry was; the first who
+ * asks makes the folder as new as an entry would, since not every change of a file is one of its kernels. NULL: of no
+ * file. What goes wrong with LLVM is said by whoever compiles. */
+void back_open_early(const char *source, bool no_cache);
+bool back_opens_llvm(void); /* this thread loads LLVM: what aborts now has no memory */
 
 #endif

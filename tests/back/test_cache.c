@@ -100,6 +100,36 @@ static void test_damage(void **state) {
     assert_true(compiled_from_cache(1, 8, scratch, false));
 }
 
+static void set_time(const char *path, time_t seconds) {
+    struct timespec both[2] = {{.tv_sec = seconds}, {.tv_sec = seconds}};
+    assert_int_equal(utimensat(AT_FDCWD, path, both, 0), 0);
+}
+
+/* A file saved after the last entry was written will probably be compiled: said once, and of no file that is not there.
+ */
+static void test_behind(void **state) {
+    (void)state;
+    char folder[512], source[512];
+    snprintf(folder, sizeof folder, "%s/kept", scratch), snprintf(source, sizeof source, "%s/p.salt", scratch);
+    Session *s = session_create(0);
+    assert_false(cache_is_behind(&s->scratch, folder, source));
+    FILE *f = fopen(source, "w");
+    assert_non_null(f);
+    fclose(f);
+    assert_true(cache_is_behind(&s->scratch, folder, source)); /* no folder */
+    assert_int_not_equal(access(folder, F_OK), 0);
+    assert_false(compiled_from_cache(1, 8, folder, false));
+    set_time(source, 1000), set_time(folder, 1001);
+    assert_false(cache_is_behind(&s->scratch, folder, source));
+    set_time(source, 1002);
+    assert_true(cache_is_behind(&s->scratch, folder, source));
+    assert_false(cache_is_behind(&s->scratch, folder, source));
+    set_time(folder, 1001);
+    assert_false(compiled_from_cache(2, 8, folder, false));
+    assert_false(cache_is_behind(&s->scratch, folder, source));
+    session_destroy(s);
+}
+
 /* What stands in an entry's place is never waited for, and what killed writers left is swept away; a temporary file
  * that somebody still writes is not. */
 static void test_bystanders(void **state) {
@@ -247,6 +277,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_hit, scratch_make, teardown),
         cmocka_unit_test_setup_teardown(test_damage, scratch_make, teardown),
+        cmocka_unit_test_setup_teardown(test_behind, scratch_make, teardown),
         cmocka_unit_test_setup_teardown(test_bystanders, scratch_make, teardown),
         cmocka_unit_test_setup_teardown(test_size, scratch_make, teardown),
         cmocka_unit_test_setup_teardown(test_wrong_key, scratch_make, teardown),

@@ -39,18 +39,34 @@ static bool make_folder(char *path) {
     return !mkdir(path, 0700) || errno == EEXIST;
 }
 
-const char *cache_folder(Arena *arena, const char *wanted) {
+static char *folder_path(Arena *arena, const char *wanted) {
     const char *xdg = getenv("XDG_CACHE_HOME"), *home = getenv("HOME");
-    char *path;
-    if (wanted && *wanted) path = arena_printf(arena, "%s", wanted);
-    else if (xdg && *xdg == '/') path = arena_printf(arena, "%s/saltus", xdg);
-    else if (home && *home == '/') path = arena_printf(arena, "%s/.cache/saltus", home);
-    else return NULL;
+    if (wanted && *wanted) return arena_printf(arena, "%s", wanted);
+    if (xdg && *xdg == '/') return arena_printf(arena, "%s/saltus", xdg);
+    return home && *home == '/' ? arena_printf(arena, "%s/.cache/saltus", home) : NULL;
+}
+
+const char *cache_folder(Arena *arena, const char *wanted) {
+    char *path = folder_path(arena, wanted);
     struct stat st;
-    if (lstat(path, &st) && !make_folder(path)) return NULL;
+    if (!path || (lstat(path, &st) && !make_folder(path))) return NULL;
     /* somebody else who can write here could run code as us */
     if (lstat(path, &st) || !S_ISDIR(st.st_mode) || st.st_uid != geteuid() || (st.st_mode & 022)) return NULL;
     return path;
+}
+
+static bool is_before(struct timespec a, struct timespec b) {
+    return a.tv_sec != b.tv_sec ? a.tv_sec < b.tv_sec : a.tv_nsec < b.tv_nsec;
+}
+
+bool cache_is_behind(Arena *arena, const char *wanted, const char *source) {
+    const char *folder = folder_path(arena, wanted);
+    struct stat file, kept;
+    if (!folder || stat(source, &file)) return false;
+    if (stat(folder, &kept)) return errno == ENOENT;
+    if (!is_before(kept.st_mtim, file.st_mtim)) return false;
+    (void)utimensat(AT_FDCWD, folder, NULL, 0); /* where it fails, it is asked again */
+    return true;
 }
 
 static char *entry_path(Arena *arena, const char *folder, const CacheKey *key) {
@@ -107,8 +123,7 @@ typedef struct Aged {
 
 static int by_age(const void *x, const void *y) {
     const Aged *a = x, *b = y;
-    if (a->used.tv_sec != b->used.tv_sec) return a->used.tv_sec < b->used.tv_sec ? -1 : 1;
-    return (a->used.tv_nsec > b->used.tv_nsec) - (a->used.tv_nsec < b->used.tv_nsec);
+    return is_before(b->used, a->used) - is_before(a->used, b->used);
 }
 
 /* A writer holds a lock on its temporary file: one that nobody holds is what a killed run left. */

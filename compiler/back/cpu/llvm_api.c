@@ -1,9 +1,11 @@
 /* Finds libLLVM and fills the table of its functions, once a process. */
 #include "compiler/back/cpu/llvm_api.h"
-#include "compiler/back/back.h"
+#include "compiler/back/core/core.h"
 
 #include <dlfcn.h>
 #include <errno.h>
+#include <pthread.h>
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <string.h>
@@ -54,4 +56,37 @@ const char *llvm_open(LlvmApi *api, bool *no_memory) {
     api->GetVersion(&major, &minor, &patch);
     if (major != LLVM_VERSION_MAJOR) return "the LLVM library has another version than the headers it was built with";
     return NULL;
+}
+
+/* ---- before it is needed */
+typedef struct Likely {
+    const char *source;
+    bool likely;
+} Likely;
+
+static void find_likely(Session *s, void *arg) {
+    Likely *l = arg;
+    l->likely = cache_is_behind(&s->scratch, NULL, l->source);
+}
+
+static void *open_alone(void *unused) {
+    LlvmApi api;
+    bool no_memory;
+    (void)unused, (void)llvm_open(&api, &no_memory); /* the library stays, and the next one to open it finds it */
+    return NULL;
+}
+
+static bool is_likely(const char *source) {
+    Session *s = source ? session_create(0) : NULL;
+    Likely l = {.source = source};
+    if (s) (void)session_protect(s, find_likely, &l);
+    session_destroy(s);
+    return l.likely;
+}
+
+void back_open_early(const char *source, bool no_cache) {
+    static atomic_flag begun = ATOMIC_FLAG_INIT;
+    pthread_t thread;
+    if (!no_cache && !is_likely(source)) return;
+    if (!atomic_flag_test_and_set(&begun) && !pthread_create(&thread, NULL, open_alone, NULL)) pthread_detach(thread);
 }
