@@ -90,6 +90,7 @@ int cli_fail(const Cli *c, const SltError *err) {
 
 void *cli_need(void *p) {
     if (p) return p;
+    back_open_end();
     exit(cli_error(SLT_LIMIT, "out of memory"));
 }
 

@@ -97,7 +97,7 @@ static void fill_scene(SltProgram *p) {
     s->follow = p->opt.near_miss < 0 ? 1 : p->opt.near_miss > 0 ? 2 : 0;
     s->uses_rand = g->uses_rand, s->detached = g->uses_rand && ir_has(g->primal->body, OP_detach);
     s->geometries = p->geometries, s->ngeometries = g->ngeometries, s->geometry_base = p->geometry_base;
-    s->print = p->print, s->print_user = p->print_user;
+    s->print = ir_has(g->primal->body, OP_print) ? p->print : NULL, s->print_user = p->print_user;
     s->ncull = g->ncull;
     s->cull_bounds = p->cull_kernels, s->cull_count = p->list_counts;
     s->nlists = p->nlists, s->list_count = p->list_counts, s->list_noted = p->list_noted;

@@ -100,8 +100,11 @@ const char *back_llvm_file(void);    /* the library tried first, or the name the
 /* Loads LLVM on a thread of its own, once a process, if kernels of this source file will probably be compiled: parsing
  * and passes run meanwhile. With the cache that is where the file was saved after the last entry was; the first who
  * asks makes the folder as new as an entry would, since not every change of a file is one of its kernels. NULL: of no
- * file. What goes wrong with LLVM is said by whoever compiles. */
+ * file. What goes wrong with LLVM is said by whoever compiles. For one thread, the
+ * one that then calls back_open_end before it calls exit or returns from main: the library's constructors must not run
+ * beside its destructors. */
 void back_open_early(const char *source, bool no_cache);
+void back_open_end(void);
 bool back_opens_llvm(void); /* this thread loads LLVM: what aborts now has no memory */
 
 #endif

@@ -82,6 +82,33 @@ static void forgotten_and_asked_for(void **state) {
     slt_program_free(p), slt_program_free(fresh);
 }
 
+static void no_line(void *user, const char *line, const double *values, uint32_t n) {
+    (void)user, (void)line, (void)values, (void)n;
+    fail();
+}
+
+/* Who listens to what a shader prints that prints nothing: its values come from the reverse kernel all the same. */
+static void nothing_printed(void **state) {
+    (void)state;
+    uint64_t evaluations[2];
+    double gradient[2], value[2];
+    for (int listens = 0; listens < 2; listens++) {
+        SltProgram *p = compile(touching);
+        SltJob job = SLT_JOB_INIT;
+        SltStats stats = SLT_STATS_INIT;
+        SltError err;
+        SltIntegral out = SLT_INTEGRAL_INIT;
+        out.gradient = &gradient[listens], out.value = &value[listens];
+        job.integral = true, job.samples = 1 << 10, job.estimator = SLT_EST_LATTICE;
+        if (listens) assert_ok(slt_set_print(p, no_line, NULL, &err));
+        assert_ok(slt_grad_integral(p, &job, &out, &stats, &err));
+        evaluations[listens] = stats.evaluations;
+        slt_program_free(p);
+    }
+    assert_int_equal(evaluations[0], evaluations[1]);
+    assert_true(gradient[0] == gradient[1] && value[0] == value[1]);
+}
+
 /* Turns between a few things that are differentiated compile nothing again, and give what a fresh program gives. */
 static void turns(void **state) {
     (void)state;
@@ -123,6 +150,7 @@ static void turns(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(wait_until_called), cmocka_unit_test(made_in_an_estimate),
-                                       cmocka_unit_test(forgotten_and_asked_for), cmocka_unit_test(turns)};
+                                       cmocka_unit_test(forgotten_and_asked_for), cmocka_unit_test(nothing_printed),
+                                       cmocka_unit_test(turns)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

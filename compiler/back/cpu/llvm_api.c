@@ -5,7 +5,6 @@
 #include <dlfcn.h>
 #include <errno.h>
 #include <pthread.h>
-#include <stdatomic.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <string.h>
@@ -69,6 +68,11 @@ static void find_likely(Session *s, void *arg) {
     l->likely = cache_is_behind(&s->scratch, NULL, l->source);
 }
 
+static struct {
+    pthread_t thread;
+    bool runs;
+} early;
+
 static void *open_alone(void *unused) {
     LlvmApi api;
     bool no_memory;
@@ -85,8 +89,11 @@ static bool is_likely(const char *source) {
 }
 
 void back_open_early(const char *source, bool no_cache) {
-    static atomic_flag begun = ATOMIC_FLAG_INIT;
-    pthread_t thread;
-    if (!no_cache && !is_likely(source)) return;
-    if (!atomic_flag_test_and_set(&begun) && !pthread_create(&thread, NULL, open_alone, NULL)) pthread_detach(thread);
+    if (early.runs || (!no_cache && !is_likely(source))) return;
+    early.runs = !pthread_create(&early.thread, NULL, open_alone, NULL);
+}
+
+void back_open_end(void) {
+    if (early.runs) pthread_join(early.thread, NULL);
+    early.runs = false;
 }
