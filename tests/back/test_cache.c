@@ -111,23 +111,21 @@ static void test_behind(void **state) {
     (void)state;
     char folder[512], source[512];
     snprintf(folder, sizeof folder, "%s/kept", scratch), snprintf(source, sizeof source, "%s/p.salt", scratch);
-    Session *s = session_create(0);
-    assert_false(cache_is_behind(&s->scratch, folder, source));
+    assert_false(cache_is_behind(folder, source));
     FILE *f = fopen(source, "w");
     assert_non_null(f);
     fclose(f);
-    assert_true(cache_is_behind(&s->scratch, folder, source)); /* no folder */
+    assert_true(cache_is_behind(folder, source)); /* no folder */
     assert_int_not_equal(access(folder, F_OK), 0);
     assert_false(compiled_from_cache(1, 8, folder, false));
     set_time(source, 1000), set_time(folder, 1001);
-    assert_false(cache_is_behind(&s->scratch, folder, source));
+    assert_false(cache_is_behind(folder, source));
     set_time(source, 1002);
-    assert_true(cache_is_behind(&s->scratch, folder, source));
-    assert_false(cache_is_behind(&s->scratch, folder, source));
+    assert_true(cache_is_behind(folder, source));
+    assert_false(cache_is_behind(folder, source));
     set_time(folder, 1001);
     assert_false(compiled_from_cache(2, 8, folder, false));
-    assert_false(cache_is_behind(&s->scratch, folder, source));
-    session_destroy(s);
+    assert_false(cache_is_behind(folder, source));
 }
 
 /* What stands in an entry's place is never waited for, and what killed writers left is swept away; a temporary file

@@ -58,16 +58,6 @@ const char *llvm_open(LlvmApi *api, bool *no_memory) {
 }
 
 /* ---- before it is needed */
-typedef struct Likely {
-    const char *source;
-    bool likely;
-} Likely;
-
-static void find_likely(Session *s, void *arg) {
-    Likely *l = arg;
-    l->likely = cache_is_behind(&s->scratch, NULL, l->source);
-}
-
 static struct {
     pthread_t thread;
     bool runs;
@@ -80,16 +70,8 @@ static void *open_alone(void *unused) {
     return NULL;
 }
 
-static bool is_likely(const char *source) {
-    Session *s = source ? session_create(0) : NULL;
-    Likely l = {.source = source};
-    if (s) (void)session_protect(s, find_likely, &l);
-    session_destroy(s);
-    return l.likely;
-}
-
 void back_open_early(const char *source, bool no_cache) {
-    if (early.runs || (!no_cache && !is_likely(source))) return;
+    if (early.runs || (!no_cache && !(source && cache_is_behind(NULL, source)))) return;
     early.runs = !pthread_create(&early.thread, NULL, open_alone, NULL);
 }
 
