@@ -21,6 +21,9 @@ enum { MAX_UNITS = 32, MAX_THREADS = 32 };
 /* A module costs about as much as 40 vector instructions, the frame of a kernel half of that, so that smaller kernels
  * share one. */
 enum { KERNEL_COST = 30, UNIT_COST = 240 };
+/* Large programs have more modules than the largest kernel asks for, up to EVEN of such a size: what costs are guessed
+ * wrong by is then less of the whole, and what waits for the last one. */
+enum { EVEN = 8, EVEN_COST = 1400 };
 /* As much as a main thread usually has: LLVM recurses. */
 enum { STACK_BYTES = 8 << 20 };
 enum { LEFT_BEHIND_S = 2 }; /* what the others have to end in when LLVM is broken */
@@ -28,8 +31,9 @@ enum { LEFT_BEHIND_S = 2 }; /* what the others have to end in when LLVM is broke
 typedef struct Team {
     LlvmApi api;
     CodeUnit unit[MAX_UNITS];
-    Session *own[MAX_UNITS]; /* of the thread that wrote a unit: has its error; NULL: the caller's */
-    uint32_t n, next, running;
+    uint64_t load[MAX_UNITS]; /* what a unit that waits will take; 0: it is written, or being so */
+    Session *own[MAX_UNITS];  /* of the thread that wrote a unit: has its error; NULL: the caller's */
+    uint32_t n, running;
     pthread_mutex_t lock;
     pthread_cond_t ended;
 } Team;
@@ -61,8 +65,8 @@ typedef struct Shares {
     uint64_t load[MAX_UNITS];
 } Shares;
 
-/* Those of one level: the costly ones first, each to the unit that has least so far. More units than it takes to have
- * the largest kernel alone would end no sooner. */
+/* Those of one level: the costly ones first, each to the unit that has least so far. Of a small program more units than
+ * it takes to have the largest kernel alone would end no sooner. */
 static void share_level(Shares *s, bool plain) {
     uint64_t total = 0, largest = UNIT_COST;
     uint32_t first = s->units, count = 0;
@@ -71,7 +75,9 @@ static void share_level(Shares *s, bool plain) {
         total += s->cost[j], count++;
         if (s->cost[j] > largest) largest = s->cost[j];
     }
-    uint64_t wanted = (total + largest - 1) / largest;
+    uint64_t wanted = (total + largest - 1) / largest, even = total / EVEN_COST;
+    if (even > EVEN) even = EVEN;
+    if (even > wanted) wanted = even < count ? even : count;
     s->units += wanted > MAX_UNITS / 2 ? MAX_UNITS / 2 : (uint32_t)wanted;
     for (; count; count--) {
         uint32_t most = s->n, least = first;
@@ -125,7 +131,15 @@ static void write_unit(Session *s, CodeUnit *u) {
 }
 
 /* ---- all of them */
-static CodeUnit *next_unit(Team *t) { return t->next < t->n ? &t->unit[t->next++] : NULL; }
+/* The one that takes longest: small ones fill up what the threads differ by at the end. */
+static CodeUnit *next_unit(Team *t) {
+    uint32_t most = 0;
+    for (uint32_t u = 1; u < t->n; u++)
+        if (t->load[u] > t->load[most]) most = u;
+    if (!t->load[most]) return NULL;
+    t->load[most] = 0;
+    return &t->unit[most];
+}
 
 static void *run(void *arg) {
     Team *t = arg;
@@ -207,6 +221,7 @@ static bool make_units(Team *t, const KernelRequest *k, const uint32_t *width, c
         uint32_t count = 0, functions = 0;
         for (uint32_t j = 0; j < s->n; j++)
             if (s->of[j] == u) count++, functions += count_functions(&k[j]);
+        t->load[u] = s->load[u] ? s->load[u] : 1; /* nobody counts where it is the whole */
         *unit = (CodeUnit){.ll = &t->api, .o = o, .opt_level = o->opt_level, .kind = kind};
         if (!unit_init(unit, count, functions)) {
             ok = false;
