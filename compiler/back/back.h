@@ -84,6 +84,16 @@ uint32_t back_adjoint_lanes(const BackOptions *o, Precision p);
  * (arena of the session). */
 int back_compile(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, CompiledModule **out,
                  const char **why);
+/* The same of several modules, which the cache keeps apart: what it lacks is compiled together, so that no thread waits
+ * between them. All have their `out`, or none has. The number of threads is the first one's. */
+enum { BACK_MAX_JOBS = 2 };
+typedef struct BackJob {
+    const KernelRequest *k;
+    uint32_t n;
+    BackOptions o;
+    CompiledModule *out;
+} BackJob;
+int back_compile_all(Session *s, BackJob *jobs, uint32_t n, const char **why);
 SltKernel *back_kernel(const CompiledModule *m, const char *name);
 uint32_t back_width(const CompiledModule *m, const char *name);         /* of a kernel, in lanes; 0: there is none */
 uint32_t back_instructions(const CompiledModule *m, const char *name);  /* of LLVM IR, after optimisation */

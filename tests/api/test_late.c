@@ -82,6 +82,32 @@ static void forgotten_and_asked_for(void **state) {
     slt_program_free(p), slt_program_free(fresh);
 }
 
+/* What both estimators need is compiled with bounds, in a module of its own; edges are only where cells look likely.
+ */
+static void soon(void **state) {
+    (void)state;
+    static const char many[] =
+        "param float r = 0.01;\n"
+        "[Domain(-1.0, 1.0)] shader float main(float2 x) {\n"
+        "    float f = 0.0;\n"
+        "    for (int i = 0; i < 200; i++) [Disc] if (length(x - 0.005 * float(i)) < r) f = 1.0;\n"
+        "    return f;\n"
+        "}\n";
+    static const int both[] = {K_REGION, K_SIDES, K_SITE_VJP};
+    for (int i = 0; i < 2; i++) {
+        SltProgram *p = compile(i ? many : disc);
+        gradient_of(p, SLT_EST_AUTO, 2);
+        assert_non_null(p->module_of[K_BOUNDS]);
+        for (size_t k = 0; k < sizeof both / sizeof *both; k++) {
+            assert_non_null(p->module_of[both[k]]);
+            assert_ptr_equal(p->module_of[both[k]], p->modules[1]);
+        }
+        assert_ptr_equal(p->module_of[K_BOUNDS], p->modules[0]);
+        assert_true((p->module_of[K_EDGE] == NULL) == (i == 1));
+        slt_program_free(p);
+    }
+}
+
 static void no_line(void *user, const char *line, const double *values, uint32_t n) {
     (void)user, (void)line, (void)values, (void)n;
     fail();
@@ -149,8 +175,8 @@ static void turns(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(wait_until_called), cmocka_unit_test(made_in_an_estimate),
-                                       cmocka_unit_test(forgotten_and_asked_for), cmocka_unit_test(nothing_printed),
-                                       cmocka_unit_test(turns)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(wait_until_called),       cmocka_unit_test(made_in_an_estimate),
+                                       cmocka_unit_test(forgotten_and_asked_for), cmocka_unit_test(soon),
+                                       cmocka_unit_test(nothing_printed),         cmocka_unit_test(turns)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
