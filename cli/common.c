@@ -9,6 +9,8 @@
 
 #include "bindings/c/api.h"
 #include "cli/cli.h"
+#include "compiler/back/back.h"
+#include "runtime/base/threads.h"
 
 double cli_now(void) {
     struct timespec t;
@@ -88,6 +90,7 @@ int cli_fail(const Cli *c, const SltError *err) {
 
 void *cli_need(void *p) {
     if (p) return p;
+    back_open_end();
     exit(cli_error(SLT_LIMIT, "out of memory"));
 }
 
@@ -289,11 +292,19 @@ static bool is_unread(const Cli *c, const SltProgram *p, const char *name) {
     return true;
 }
 
+/* Kernels that will be compiled need LLVM, which takes longer to load than a program to parse. */
+static void open_llvm_early(const Cli *c) {
+    bool compiles = c->verb->run != verb_explain && !c->opt.interpret && !c->opt.stop_after;
+    if (!compiles || pool_threads(c->job.threads, 2) < 2) return;
+    back_open_early(c->expr || !strcmp(c->file, "-") ? NULL : c->file, c->opt.no_cache);
+}
+
 /* Compiles what the command line names; lengths: of open arrays, SltOptions. */
 static SltStatus compile(Cli *c, const char *lengths, SltProgram **out) {
     SltStatus status;
     if (c->size_given) c->opt.size[0] = c->job.size[0], c->opt.size[1] = c->job.size[1];
     c->opt.lengths = lengths;
+    open_llvm_early(c);
     if (c->expr) {
         status = compile_expr(c, out);
     } else if (!strcmp(c->file, "-")) {

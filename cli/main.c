@@ -31,6 +31,7 @@ int main(int argc, char **argv) {
         if (status == SLT_OK) status = stream_end(&stream, &c, watch_status((SltStatus)c.verb->run(&c)));
         watch_commit();
     }
+    back_open_end();
     for (uint32_t i = 0; i < c.nargs_storage; i++) free(c.args_storage[i]);
     if (status == CLI_HELPED || status == SLT_STOPPED) status = SLT_OK;
     if ((fflush(stdout) != 0 || ferror(stdout)) && status == SLT_OK)

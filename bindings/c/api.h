@@ -113,6 +113,8 @@ struct SltProgram {
  * may wait until they are called; NULL: none. */
 SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err);
 SltStatus api_kernels_late(SltProgram *p, const bool needs[K_KINDS], const bool *late, SltError *err);
+/* `soon`: what a later call will need whatever these say. They are compiled beside, and kept in the cache apart. */
+SltStatus api_kernels_beside(SltProgram *p, const bool needs[K_KINDS], const bool soon[K_KINDS], SltError *err);
 /* The same for kernels that are not run here: for objects of another machine, and to be shown. api_kernels refuses a
  * target that this processor lacks; this does not. */
 SltStatus api_kernels_unrun(SltProgram *p, const bool needs[K_KINDS], SltError *err);
@@ -167,6 +169,7 @@ typedef struct ApiCall {
 SltStatus api_call_begin(ApiCall *c, SltProgram *p, const SltJob *job, SltStats *stats, SltError *err);
 SltStatus api_call_kernels(ApiCall *c, const bool needs[K_KINDS]);
 SltStatus api_call_kernels_late(ApiCall *c, const bool needs[K_KINDS], const bool *late);
+SltStatus api_call_kernels_beside(ApiCall *c, const bool needs[K_KINDS], const bool soon[K_KINDS]);
 SltStatus api_call_end(ApiCall *c, SltStatus status);
 /* steep.c: after an estimate that took so many evaluations: warns of changes of f that nothing explains, and adds what
  * they weigh to the errors of `out`. NULL: of an image, of which only the first is looked at. */

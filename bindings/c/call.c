@@ -123,6 +123,10 @@ SltStatus api_call_kernels_late(ApiCall *c, const bool needs[K_KINDS], const boo
     return api_kernels_late(c->p, needs, late, c->err);
 }
 
+SltStatus api_call_kernels_beside(ApiCall *c, const bool needs[K_KINDS], const bool soon[K_KINDS]) {
+    return api_kernels_beside(c->p, needs, soon, c->err);
+}
+
 SltStatus api_call_end(ApiCall *c, SltStatus status) {
     SltProgram *p = c->p;
     if (!p) return status;

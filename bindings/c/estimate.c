@@ -54,16 +54,17 @@ static void gradient_needs(const SltProgram *p, const SltJob *j, bool forward, b
 }
 
 /* May the kernels of edges be compiled before it is known that they are needed? Of a small program they take as long as
- * those of bounds; of a large one, ten times as long. */
+ * those of bounds; of a large one, ten times as long. Only where it is likely that bounds will ask for them. */
 static bool small_edges(const ApiCall *c) {
     enum { SMALL = 64 }; /* instructions */
-    return walk_fn_size(c->p->prog->primal) <= SMALL && pool_threads(c->job.threads, 2) > 1;
+    return walk_fn_size(c->p->prog->primal) <= SMALL && pool_threads(c->job.threads, 2) > 1 &&
+           slt_estimate_hopes(&c->p->scene, &c->job, api_event_bound(c->p));
 }
 
 /* Kernels of cells. Bounds come first: they may say that the others are not needed, which are compiled beside them
- * where a core would wait else. These are a module of their own as well: where SLT_EST_AUTO turns to the lattice after
- * all, its kernels are as wide as without them. */
-static SltStatus settle(ApiCall *c) {
+ * where a core would wait else. These are a module of their own: what they say decides what comes next, and the cache
+ * keeps them whatever is differentiated. `soon`: what both estimators need, compiled in the same go. */
+static SltStatus settle(ApiCall *c, const bool soon[K_KINDS]) {
     static const bool bounds[K_KINDS] = {[K_BOUNDS] = true},
                       cells[K_KINDS] = {[K_BOUNDS] = true, [K_EDGE] = true, [K_EDGE_BOUNDS] = true};
     SltStatus s = SLT_OK;
@@ -78,10 +79,10 @@ static SltStatus settle(ApiCall *c) {
         (paper || api_too_many_sites(c->p) || !slt_estimate_has_choice(&c->p->scene, &c->job)))
         c->job.estimator = SLT_EST_LATTICE;
     if (c->job.estimator == SLT_EST_AUTO) {
-        s = api_call_kernels(c, small_edges(c) ? cells : bounds);
+        s = api_call_kernels_beside(c, small_edges(c) ? cells : bounds, soon);
         if (s == SLT_OK) c->job.estimator = slt_estimate_choose(&c->p->scene, &c->job, c->stats);
     }
-    return s == SLT_OK && by_cells(&c->job) ? api_call_kernels(c, cells) : s;
+    return s == SLT_OK && by_cells(&c->job) ? api_call_kernels_beside(c, cells, soon) : s;
 }
 
 /* With opt.rgba8 the value kernel writes pixels, which are no numbers to add up. */
@@ -98,7 +99,8 @@ static SltStatus begin_render(ApiCall *c, SltProgram *p, const SltJob *job, SltS
     /* Pixels are sampled unless they are to be exact. */
     if (c->job.estimator == SLT_EST_AUTO && c->job.interior != SLT_INTERIOR_QUADRATURE)
         c->job.estimator = SLT_EST_LATTICE;
-    s = settle(c);
+    static const bool soon[K_KINDS] = {[K_VALUE] = true};
+    s = settle(c, soon);
     value_needs(&c->job, needs);
     needs[K_PRUNE] = needs[K_PRUNED] = !by_cells(&c->job) && !c->job.integral;
     return s != SLT_OK ? s : api_call_kernels(c, needs);
@@ -106,9 +108,14 @@ static SltStatus begin_render(ApiCall *c, SltProgram *p, const SltJob *job, SltS
 
 static SltStatus begin_gradient(ApiCall *c, SltProgram *p, const SltJob *job, bool forward, SltStats *stats,
                                 SltError *err) {
-    bool needs[K_KINDS];
+    bool needs[K_KINDS], soon[K_KINDS];
     SltStatus s = begin(c, p, job, stats, err);
-    if (s == SLT_OK) s = settle(c);
+    if (s != SLT_OK) return s;
+    SltJob lines = c->job;
+    lines.estimator = SLT_EST_LATTICE;
+    gradient_needs(p, &lines, forward, soon);
+    for (int k = 0; k < K_KINDS; k++) soon[k] &= !of_lines[k] && k != K_BOUNDS;
+    s = settle(c, soon);
     if (s != SLT_OK) return s;
     gradient_needs(p, &c->job, forward, needs);
     static const bool of_lists[K_KINDS] = {[K_BOUNDS] = true};

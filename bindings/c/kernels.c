@@ -71,7 +71,7 @@ static void interpreted(SltKernelArgs *args, uint32_t n) { (void)args, (void)n; 
 
 typedef struct Request {
     SltProgram *p;
-    bool needs[K_KINDS], late[K_KINDS], cull, cells;
+    bool needs[K_KINDS], late[K_KINDS], soon[K_KINDS], cull, cells;
     SltStatus status;
     SltError *err;
 } Request;
@@ -97,7 +97,7 @@ static void fill_scene(SltProgram *p) {
     s->follow = p->opt.near_miss < 0 ? 1 : p->opt.near_miss > 0 ? 2 : 0;
     s->uses_rand = g->uses_rand, s->detached = g->uses_rand && ir_has(g->primal->body, OP_detach);
     s->geometries = p->geometries, s->ngeometries = g->ngeometries, s->geometry_base = p->geometry_base;
-    s->print = p->print, s->print_user = p->print_user;
+    s->print = ir_has(g->primal->body, OP_print) ? p->print : NULL, s->print_user = p->print_user;
     s->ncull = g->ncull;
     s->cull_bounds = p->cull_kernels, s->cull_count = p->list_counts;
     s->nlists = p->nlists, s->list_count = p->list_counts, s->list_noted = p->list_noted;
@@ -204,23 +204,25 @@ BackOptions api_compiled_with(const SltProgram *p, int kind) {
     return back_options(p, p->compiled_few[kind], 0, p->compiled_level[kind]);
 }
 
-CompiledModule *api_compile_module(SltProgram *p, Session *s, const KernelRequest *req, uint32_t n, uint64_t few,
-                                   uint64_t plain, unsigned level, SltError *err) {
-    BackOptions bo = back_options(p, few, plain, level);
-    CompiledModule *m = NULL;
+static SltStatus compile_modules(SltProgram *p, Session *s, BackJob *jobs, uint32_t n, SltError *err) {
     const char *why = NULL;
     double start = now_ms(), emit, llvm;
-    int status = back_compile(s, req, n, &bo, &m, &why);
+    int status = back_compile_all(s, jobs, n, &why);
     p->ms_llvm += now_ms() - start;
-    if (status != SLT_OK) {
-        status_fail(err, (SltStatus)status, "%s", why ? why : "the back end failed");
-        return NULL;
+    if (status != SLT_OK) return status_fail(err, (SltStatus)status, "%s", why ? why : "the back end failed");
+    for (uint32_t i = 0; i < n; i++) {
+        bool cached;
+        p->modules[p->nmodules++] = jobs[i].out;
+        back_times(jobs[i].out, &emit, &llvm, &cached);
+        p->cached &= cached;
     }
-    p->modules[p->nmodules++] = m;
-    bool cached;
-    back_times(m, &emit, &llvm, &cached);
-    p->cached &= cached;
-    return m;
+    return SLT_OK;
+}
+
+CompiledModule *api_compile_module(SltProgram *p, Session *s, const KernelRequest *req, uint32_t n, uint64_t few,
+                                   uint64_t plain, unsigned level, SltError *err) {
+    BackJob job = {.k = req, .n = n, .o = back_options(p, few, plain, level)};
+    return compile_modules(p, s, &job, 1, err) == SLT_OK ? job.out : NULL;
 }
 
 /* Kernels on boxes of a straight-line program are as long as it is and thirty times over, but run a few chunks of that
@@ -248,6 +250,35 @@ static void put_off(SltProgram *p, int kind, const KernelRequest *req, bool few,
     if (width > p->scene.widest) p->scene.widest = width;
 }
 
+/* Kernels of a module, in the order of their kinds. */
+typedef struct Group {
+    KernelRequest req[K_KINDS + SLT_MAX_CULL];
+    uint32_t n;
+    uint64_t few, plain;
+    CompiledModule *made;
+} Group;
+
+static void add_kernel(Group *m, KernelRequest k, bool few, bool plain) {
+    m->few |= (uint64_t)few << m->n, m->plain |= (uint64_t)plain << m->n;
+    m->req[m->n++] = k;
+}
+
+/* Compiles those of the two that have kernels. */
+static SltStatus make_modules(SltProgram *p, Session *s, Group group[2], unsigned level, SltError *err) {
+    BackJob jobs[2];
+    Group *of[2];
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < 2; i++) {
+        const Group *m = &group[i];
+        if (!m->n) continue;
+        of[n] = &group[i];
+        jobs[n++] = (BackJob){.k = m->req, .n = m->n, .o = back_options(p, m->few, m->plain, level)};
+    }
+    SltStatus status = n ? compile_modules(p, s, jobs, n, err) : SLT_OK;
+    for (uint32_t i = 0; i < n && status == SLT_OK; i++) of[i]->made = jobs[i].out;
+    return status;
+}
+
 static void build_body(Session *s, void *arg) {
     Request *q = arg;
     SltProgram *p = q->p;
@@ -272,9 +303,7 @@ static void build_body(Session *s, void *arg) {
     if (set.chunks) p->scene.chunks = set.chunks;
     if (set.fn[K_REGION]) p->scene.hides = set.hides;
     for (int k = 0; k < K_KINDS; k++) p->tried[k] |= q->needs[k];
-    KernelRequest req[K_KINDS + SLT_MAX_CULL];
-    uint32_t n = 0;
-    uint64_t few = 0, plain = 0;
+    Group group[2] = {0}; /* what is needed now, and soon */
     for (int k = 0; k < K_KINDS; k++) {
         if (!set.fn[k]) continue;
         p->fn[k] = set.fn[k];
@@ -299,28 +328,25 @@ static void build_body(Session *s, void *arg) {
         }
         if (p->opt.interpret) p->scene.kernel[k] = interpreted;
         else if (q->late[k]) put_off(p, k, &this, p->compiled_few[k], is_long(&set, k), level);
-        else {
-            few |= (uint64_t)p->compiled_few[k] << n;
-            plain |= (uint64_t)is_long(&set, k) << n;
-            req[n++] = this;
-        }
+        else add_kernel(&group[q->soon[k]], this, p->compiled_few[k], is_long(&set, k));
     }
     if (q->cull)
         for (uint32_t c = 0; c < p->prog->ncull; c++)
-            req[n++] = (KernelRequest){arena_printf(&s->module, "cull%u", c), p->prog->cull_bounds[c]};
-    CompiledModule *m = n ? api_compile_module(p, s, req, n, few, plain, level, q->err) : NULL;
-    if (n && !m) q->status = q->err->status;
-    if (!m) return;
+            add_kernel(&group[0], (KernelRequest){arena_printf(&s->module, "cull%u", c), p->prog->cull_bounds[c]},
+                       false, false);
+    q->status = make_modules(p, s, group, level, q->err);
+    if (q->status != SLT_OK) return;
     for (int k = 0; k < K_KINDS; k++) {
-        if (!set.fn[k] || q->late[k]) continue;
+        const CompiledModule *m = group[q->soon[k]].made;
+        if (!set.fn[k] || q->late[k] || !m) continue;
         p->scene.kernel[k] = back_kernel(m, kernel_names[k]);
-        p->module_of[k] = m;
+        p->module_of[k] = group[q->soon[k]].made;
         uint32_t width = back_width(m, kernel_names[k]);
         if (width > p->scene.widest) p->scene.widest = width;
     }
-    if (q->cull)
+    if (q->cull && group[0].made)
         for (uint32_t c = 0; c < p->prog->ncull; c++)
-            p->cull_kernels[c] = back_kernel(m, arena_printf(&s->module, "cull%u", c));
+            p->cull_kernels[c] = back_kernel(group[0].made, arena_printf(&s->module, "cull%u", c));
 }
 
 static void site_tables_body(Session *s, void *program) {
@@ -354,7 +380,9 @@ static bool runs_here(const SltProgram *p) {
     return p->opt.interpret || target_runs(&p->target, &here);
 }
 
-static SltStatus make_kernels(SltProgram *p, const bool needs[K_KINDS], const bool *late, SltError *err) {
+/* late, soon: of those; NULL: none. */
+static SltStatus make_kernels(SltProgram *p, const bool needs[K_KINDS], const bool *late, const bool *soon,
+                              SltError *err) {
     SltError own;
     if (!err) err = &own;
     if (!p->prog) return status_fail(err, SLT_USAGE, "the program did not compile");
@@ -372,8 +400,9 @@ static SltStatus make_kernels(SltProgram *p, const bool needs[K_KINDS], const bo
     /* The two adjoint kernels share a layout: they are compiled together. */
     if (q.needs[K_VJP] != q.needs[K_SITE_VJP] && needs[K_VJP] && needs[K_SITE_VJP])
         q.needs[K_VJP] = q.needs[K_SITE_VJP] = true;
-    if (any && p->nmodules + 2 >= sizeof p->modules / sizeof *p->modules)
+    if (any && p->nmodules + 3 >= sizeof p->modules / sizeof *p->modules)
         api_free_kernels(p), memcpy(q.needs, needs, sizeof q.needs);
+    for (int k = 0; k < K_KINDS; k++) q.soon[k] = soon && soon[k];
     if (any) {
         q.cull = p->prog->ncull > 0 && (!p->cull_kernels || !p->cull_kernels[0]) && !p->opt.interpret;
         int unwound = session_protect(p->session, build_body, &q);
@@ -391,17 +420,28 @@ static SltStatus make_kernels(SltProgram *p, const bool needs[K_KINDS], const bo
 }
 
 SltStatus api_kernels_unrun(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
-    return make_kernels(p, needs, NULL, err);
+    return make_kernels(p, needs, NULL, NULL, err);
 }
 
-SltStatus api_kernels_late(SltProgram *p, const bool needs[K_KINDS], const bool *late, SltError *err) {
+static SltStatus make_to_run(SltProgram *p, const bool needs[K_KINDS], const bool *late, const bool *soon,
+                             SltError *err) {
     if (!runs_here(p)) {
         Target here;
         target_named(&here, "native");
         return status_fail(err, SLT_USAGE, "kernels for the target `%s` do not run on this processor (%s): use native",
                            p->opt.target, here.cpu);
     }
-    return make_kernels(p, needs, late, err);
+    return make_kernels(p, needs, late, soon, err);
+}
+
+SltStatus api_kernels_late(SltProgram *p, const bool needs[K_KINDS], const bool *late, SltError *err) {
+    return make_to_run(p, needs, late, NULL, err);
+}
+
+SltStatus api_kernels_beside(SltProgram *p, const bool needs[K_KINDS], const bool soon[K_KINDS], SltError *err) {
+    bool both[K_KINDS], apart[K_KINDS];
+    for (int k = 0; k < K_KINDS; k++) both[k] = needs[k] || soon[k], apart[k] = !needs[k] && soon[k];
+    return make_to_run(p, both, NULL, apart, err);
 }
 
 SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err) {

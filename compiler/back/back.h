@@ -86,6 +86,16 @@ uint32_t back_adjoint_lanes(const BackOptions *o, Precision p);
  * (arena of the session). */
 int back_compile(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, CompiledModule **out,
                  const char **why);
+/* The same of several modules, which the cache keeps apart: what it lacks is compiled together, so that no thread waits
+ * between them. All have their `out`, or none has. The number of threads is the first one's. */
+enum { BACK_MAX_JOBS = 2 };
+typedef struct BackJob {
+    const KernelRequest *k;
+    uint32_t n;
+    BackOptions o;
+    CompiledModule *out;
+} BackJob;
+int back_compile_all(Session *s, BackJob *jobs, uint32_t n, const char **why);
 SltKernel *back_kernel(const CompiledModule *m, const char *name);
 uint32_t back_width(const CompiledModule *m, const char *name);         /* of a kernel, in lanes; 0: there is none */
 uint32_t back_instructions(const CompiledModule *m, const char *name);  /* of LLVM IR, after optimisation */
@@ -99,6 +109,14 @@ int back_emit(Session *s, const KernelRequest *k, uint32_t n, const BackOptions 
               size_t *size, const char **why);
 const char *back_llvm_version(void); /* of the headers; another major version at run time is refused */
 const char *back_llvm_file(void);    /* the library tried first, or the name the loader is asked for; loads nothing */
-bool back_opens_llvm(void);          /* this thread loads LLVM: what aborts now has no memory */
+/* Loads LLVM on a thread of its own, once a process, if kernels of this source file will probably be compiled: parsing
+ * and passes run meanwhile. With the cache that is where the file was saved after the last entry was; the first who
+ * asks makes the folder as new as an entry would, since not every change of a file is one of its kernels. NULL: of no
+ * file. What goes wrong with LLVM is said by whoever compiles. For one thread, the
+ * one that then calls back_open_end before it calls exit or returns from main: the library's constructors must not run
+ * beside its destructors. */
+void back_open_early(const char *source, bool no_cache);
+void back_open_end(void);
+bool back_opens_llvm(void); /* this thread loads LLVM: what aborts now has no memory */
 
 #endif

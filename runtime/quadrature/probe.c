@@ -161,6 +161,12 @@ bool quadrature_hopes(const SltScene *s, const SltJob *j) {
     return quadrature_may(s) && (!has_no_curves(s, wants_error(j)) || quadrature_marches(s, j));
 }
 
+bool quadrature_likely(const SltScene *s, const SltJob *j, uint64_t events) {
+    enum { EVENT_CELLS = 4 };
+    return !j->integral || wants_error(j) ||
+           (double)events * EVENT_CELLS * CELL_COST <= quadrature_lattice(s, j, true, !j->no_interior);
+}
+
 SltEstimator quadrature_choose(const SltScene *s, const SltJob *j, SltStats *stats) {
     if (!quadrature_hopes(s, j)) return SLT_EST_LATTICE;
     Outlook o = quadrature_outlook(s, j, stats);

@@ -48,6 +48,8 @@ bool slt_estimate_has_choice(const SltScene *s, const SltJob *j) {
     return j->estimator == SLT_EST_AUTO && !is_told(s, j) && quadrature_hopes(s, j);
 }
 
+bool slt_estimate_hopes(const SltScene *s, const SltJob *j, uint64_t events) { return quadrature_likely(s, j, events); }
+
 SltEstimator slt_estimate_choose(const SltScene *s, const SltJob *j, SltStats *stats) {
     if (j->estimator != SLT_EST_AUTO) return j->estimator;
     return quadrature_choose(s, j, stats) == SLT_EST_LATTICE ? SLT_EST_LATTICE : SLT_EST_AUTO;

@@ -146,6 +146,7 @@ bool slt_estimate_by_differences(SltEstimator e);
 
 /* False where SLT_EST_AUTO is SLT_EST_LATTICE whatever the program's bounds say, which then need not be compiled. */
 bool slt_estimate_has_choice(const SltScene *s, const SltJob *j);
+bool slt_estimate_hopes(const SltScene *s, const SltJob *j, uint64_t events); /* quadrature_likely */
 /* SLT_EST_LATTICE instead of SLT_EST_AUTO where a look at the program's bounds on a few hundred boxes is enough to see
  * that cells will not pay, which needs the kernel `bounds` alone. Else the job's estimator. */
 SltEstimator slt_estimate_choose(const SltScene *s, const SltJob *j, SltStats *stats);

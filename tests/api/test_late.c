@@ -82,6 +82,59 @@ static void forgotten_and_asked_for(void **state) {
     slt_program_free(p), slt_program_free(fresh);
 }
 
+/* What both estimators need is compiled with bounds, in a module of its own; edges are in the module of bounds only
+ * where cells look likely. */
+static void soon(void **state) {
+    (void)state;
+    static const char many[] =
+        "param float r = 0.01;\n"
+        "[Domain(-1.0, 1.0)] shader float main(float2 x) {\n"
+        "    float f = 0.0;\n"
+        "    for (int i = 0; i < 200; i++) [Disc] if (length(x - 0.005 * float(i)) < r) f = 1.0;\n"
+        "    return f;\n"
+        "}\n";
+    static const int both[] = {K_REGION, K_SIDES, K_SITE_VJP};
+    for (int i = 0; i < 2; i++) {
+        SltProgram *p = compile(i ? many : disc);
+        gradient_of(p, SLT_EST_AUTO, 2);
+        assert_non_null(p->module_of[K_BOUNDS]);
+        for (size_t k = 0; k < sizeof both / sizeof *both; k++) {
+            assert_non_null(p->module_of[both[k]]);
+            assert_ptr_equal(p->module_of[both[k]], p->modules[1]);
+        }
+        assert_ptr_equal(p->module_of[K_BOUNDS], p->modules[0]);
+        assert_true((p->module_of[K_EDGE] == p->module_of[K_BOUNDS]) == (i == 0));
+        slt_program_free(p);
+    }
+}
+
+static void no_line(void *user, const char *line, const double *values, uint32_t n) {
+    (void)user, (void)line, (void)values, (void)n;
+    fail();
+}
+
+/* Who listens to what a shader prints that prints nothing: its values come from the reverse kernel all the same. */
+static void nothing_printed(void **state) {
+    (void)state;
+    uint64_t evaluations[2];
+    double gradient[2], value[2];
+    for (int listens = 0; listens < 2; listens++) {
+        SltProgram *p = compile(touching);
+        SltJob job = SLT_JOB_INIT;
+        SltStats stats = SLT_STATS_INIT;
+        SltError err;
+        SltIntegral out = SLT_INTEGRAL_INIT;
+        out.gradient = &gradient[listens], out.value = &value[listens];
+        job.integral = true, job.samples = 1 << 10, job.estimator = SLT_EST_LATTICE;
+        if (listens) assert_ok(slt_set_print(p, no_line, NULL, &err));
+        assert_ok(slt_grad_integral(p, &job, &out, &stats, &err));
+        evaluations[listens] = stats.evaluations;
+        slt_program_free(p);
+    }
+    assert_int_equal(evaluations[0], evaluations[1]);
+    assert_true(gradient[0] == gradient[1] && value[0] == value[1]);
+}
+
 /* Turns between a few things that are differentiated compile nothing again, and give what a fresh program gives. */
 static void turns(void **state) {
     (void)state;
@@ -122,7 +175,8 @@ static void turns(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(wait_until_called), cmocka_unit_test(made_in_an_estimate),
-                                       cmocka_unit_test(forgotten_and_asked_for), cmocka_unit_test(turns)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(wait_until_called),       cmocka_unit_test(made_in_an_estimate),
+                                       cmocka_unit_test(forgotten_and_asked_for), cmocka_unit_test(soon),
+                                       cmocka_unit_test(nothing_printed),         cmocka_unit_test(turns)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -100,6 +100,62 @@ static void test_damage(void **state) {
     assert_true(compiled_from_cache(1, 8, scratch, false));
 }
 
+/* Two modules in one go are two entries: what one of them is missing does not make the other again. */
+static void test_together(void **state) {
+    (void)state;
+    for (int second = 2; second < 4; second++) {
+        Session *s = session_create(0);
+        KernelRequest k[2] = {{"kernel", adding(s, 1)}, {"kernel", adding(s, second)}};
+        BackJob jobs[2] = {{.k = &k[0], .n = 1, .o = {.width = 8, .opt_level = 2, .cache_dir = scratch}}, {0}};
+        target_host(&jobs[0].o.target);
+        jobs[1] = jobs[0], jobs[1].k = &k[1];
+        const char *why = "";
+        assert_int_equal(back_compile_all(s, jobs, 2, &why), 0);
+        for (int i = 0; i < 2; i++) {
+            _Alignas(64) float x[N], out[N];
+            for (int j = 0; j < N; j++) x[j] = (float)j;
+            SltKernelArgs a = {.in = {[IN_X0] = x}, .out = {out}, .n_valid = N};
+            back_kernel(jobs[i].out, "kernel")(&a, N);
+            for (int j = 0; j < N; j++) assert_true(out[j] == (float)(j + (i ? second : 1)));
+            double emit, llvm;
+            bool cached;
+            back_times(jobs[i].out, &emit, &llvm, &cached);
+            assert_true(cached == (second == 3 && i == 0));
+            back_free(jobs[i].out);
+        }
+        session_destroy(s);
+        assert_true(compiled_from_cache(second, 8, scratch, false));
+    }
+}
+
+static void set_time(const char *path, time_t seconds) {
+    struct timespec both[2] = {{.tv_sec = seconds}, {.tv_sec = seconds}};
+    assert_int_equal(utimensat(AT_FDCWD, path, both, 0), 0);
+}
+
+/* A file saved after the last entry was written will probably be compiled: said once, and of no file that is not there.
+ */
+static void test_behind(void **state) {
+    (void)state;
+    char folder[512], source[512];
+    snprintf(folder, sizeof folder, "%s/kept", scratch), snprintf(source, sizeof source, "%s/p.salt", scratch);
+    assert_false(cache_is_behind(folder, source));
+    FILE *f = fopen(source, "w");
+    assert_non_null(f);
+    fclose(f);
+    assert_true(cache_is_behind(folder, source)); /* no folder */
+    assert_int_not_equal(access(folder, F_OK), 0);
+    assert_false(compiled_from_cache(1, 8, folder, false));
+    set_time(source, 1000), set_time(folder, 1001);
+    assert_false(cache_is_behind(folder, source));
+    set_time(source, 1002);
+    assert_true(cache_is_behind(folder, source));
+    assert_false(cache_is_behind(folder, source));
+    set_time(folder, 1001);
+    assert_false(compiled_from_cache(2, 8, folder, false));
+    assert_false(cache_is_behind(folder, source));
+}
+
 /* What stands in an entry's place is never waited for, and what killed writers left is swept away; a temporary file
  * that somebody still writes is not. */
 static void test_bystanders(void **state) {
@@ -247,6 +303,8 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_hit, scratch_make, teardown),
         cmocka_unit_test_setup_teardown(test_damage, scratch_make, teardown),
+        cmocka_unit_test_setup_teardown(test_together, scratch_make, teardown),
+        cmocka_unit_test_setup_teardown(test_behind, scratch_make, teardown),
         cmocka_unit_test_setup_teardown(test_bystanders, scratch_make, teardown),
         cmocka_unit_test_setup_teardown(test_size, scratch_make, teardown),
         cmocka_unit_test_setup_teardown(test_wrong_key, scratch_make, teardown),

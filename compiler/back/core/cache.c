@@ -7,6 +7,8 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/file.h>
@@ -39,18 +41,37 @@ static bool make_folder(char *path) {
     return !mkdir(path, 0700) || errno == EEXIST;
 }
 
-const char *cache_folder(Arena *arena, const char *wanted) {
+/* False: there is none, or its name is too long. */
+static bool folder_path(const char *wanted, char path[PATH_MAX]) {
     const char *xdg = getenv("XDG_CACHE_HOME"), *home = getenv("HOME");
-    char *path;
-    if (wanted && *wanted) path = arena_printf(arena, "%s", wanted);
-    else if (xdg && *xdg == '/') path = arena_printf(arena, "%s/saltus", xdg);
-    else if (home && *home == '/') path = arena_printf(arena, "%s/.cache/saltus", home);
-    else return NULL;
+    int n = -1;
+    if (wanted && *wanted) n = snprintf(path, PATH_MAX, "%s", wanted);
+    else if (xdg && *xdg == '/') n = snprintf(path, PATH_MAX, "%s/saltus", xdg);
+    else if (home && *home == '/') n = snprintf(path, PATH_MAX, "%s/.cache/saltus", home);
+    return n >= 0 && n < PATH_MAX;
+}
+
+const char *cache_folder(Arena *arena, const char *wanted) {
+    char path[PATH_MAX];
     struct stat st;
-    if (lstat(path, &st) && !make_folder(path)) return NULL;
+    if (!folder_path(wanted, path) || (lstat(path, &st) && !make_folder(path))) return NULL;
     /* somebody else who can write here could run code as us */
     if (lstat(path, &st) || !S_ISDIR(st.st_mode) || st.st_uid != geteuid() || (st.st_mode & 022)) return NULL;
-    return path;
+    return arena_printf(arena, "%s", path);
+}
+
+static bool is_before(struct timespec a, struct timespec b) {
+    return a.tv_sec != b.tv_sec ? a.tv_sec < b.tv_sec : a.tv_nsec < b.tv_nsec;
+}
+
+bool cache_is_behind(const char *wanted, const char *source) {
+    char folder[PATH_MAX];
+    struct stat file, kept;
+    if (!folder_path(wanted, folder) || stat(source, &file)) return false;
+    if (stat(folder, &kept)) return errno == ENOENT;
+    if (!is_before(kept.st_mtim, file.st_mtim)) return false;
+    (void)utimensat(AT_FDCWD, folder, NULL, 0); /* where it fails, it is asked again */
+    return true;
 }
 
 static char *entry_path(Arena *arena, const char *folder, const CacheKey *key) {
@@ -107,8 +128,7 @@ typedef struct Aged {
 
 static int by_age(const void *x, const void *y) {
     const Aged *a = x, *b = y;
-    if (a->used.tv_sec != b->used.tv_sec) return a->used.tv_sec < b->used.tv_sec ? -1 : 1;
-    return (a->used.tv_nsec > b->used.tv_nsec) - (a->used.tv_nsec < b->used.tv_nsec);
+    return is_before(b->used, a->used) - is_before(a->used, b->used);
 }
 
 /* A writer holds a lock on its temporary file: one that nobody holds is what a killed run left. */

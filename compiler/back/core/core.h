@@ -105,6 +105,9 @@ bool cache_key(Session *s, const KernelRequest *k, uint32_t n, const BackOptions
 /* ---- cache.c: the disk cache */
 /* `wanted` (BackOptions.cache_dir) or the default as an arena string; NULL if the folder is not private or usable. */
 const char *cache_folder(Arena *arena, const char *wanted);
+/* Was the file `source` saved after the last entry was written, or is there no folder? The folder's time is now, then.
+ */
+bool cache_is_behind(const char *wanted, const char *source);
 /* The cached payload (malloc'd, the caller's), or NULL. */
 unsigned char *cache_read(Arena *arena, const char *folder, const CacheKey *key, size_t *size);
 bool cache_write(Arena *arena, const char *folder, const CacheKey *key, const unsigned char *bytes, size_t size);

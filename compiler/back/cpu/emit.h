@@ -209,11 +209,16 @@ typedef struct Codegen {
     uint32_t *instructions; /* of LLVM, by kernel of the request, after optimisation */
     double emit_ms, llvm_ms;
 } Codegen;
-/* One unit where it is to be the `whole`, else as many as the kernels are worth, whatever the number of threads. An
- * SltStatus, with a text in *why (session arena); `out` is to be freed after SLT_OK. Runs under session_protect, or
- * where a spent budget may end the process. */
-int back_codegen(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, char kind, bool whole,
-                 Codegen *out, const char **why);
+typedef struct CodegenJob {
+    const KernelRequest *k;
+    uint32_t n;
+    const BackOptions *o;
+    Codegen out;
+} CodegenJob;
+/* Each job is one unit where it is to be the `whole`, else as many as its kernels are worth, whatever the number of
+ * threads, which is the first job's. An SltStatus, with a text in *why (session arena); each `out` is to be freed after
+ * SLT_OK. Runs under session_protect, or where a spent budget may end the process. */
+int back_codegen(Session *s, CodegenJob *jobs, uint32_t njobs, char kind, bool whole, const char **why);
 void back_codegen_free(Codegen *g);
 
 /* ---- load.c: a small loader for ELF64 x86-64 relocatable objects */

@@ -110,58 +110,90 @@ static int check_request(Session *s, const KernelRequest *k, uint32_t n, uint32_
     return back_check_width(s, width, why);
 }
 
-static int compile(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, CompiledModule *m,
-                   const char **why) {
-    const char *folder = o->no_cache ? NULL : cache_folder(&s->scratch, o->cache_dir), *bad = NULL;
-    CacheKey key = {0};
+/* A module on its way. */
+typedef struct Making {
+    BackJob *job;
+    CompiledModule *m;
+    const char *folder; /* of the cache; NULL: not kept */
+    CacheKey key;
+} Making;
+
+static void look_up(Session *s, Making *k) {
+    const BackJob *j = k->job;
+    const char *bad = NULL;
     size_t size = 0;
-    if (folder && !cache_key(s, k, n, o, "llvm " LLVM_VERSION_STRING, &key)) folder = NULL;
-    if (folder) {
-        unsigned char *payload = cache_read(&s->scratch, folder, &key, &size);
-        m->cached = payload && adopt(m, payload, size, &bad);
-        free(payload);
-        if (m->cached) return SLT_OK;
-    }
-    Codegen g;
-    int status = back_codegen(s, k, n, o, 'o', false, &g, why);
-    if (status) return status;
-    m->emit_ms = g.emit_ms;
-    m->llvm_ms = g.llvm_ms;
+    k->folder = j->o.no_cache ? NULL : cache_folder(&s->scratch, j->o.cache_dir);
+    if (k->folder && !cache_key(s, j->k, j->n, &j->o, "llvm " LLVM_VERSION_STRING, &k->key)) k->folder = NULL;
+    if (!k->folder) return;
+    unsigned char *payload = cache_read(&s->scratch, k->folder, &k->key, &size);
+    k->m->cached = payload && adopt(k->m, payload, size, &bad);
+    free(payload);
+}
+
+static int load(Session *s, Making *k, Codegen *g, const char **why) {
+    const char *bad = NULL;
+    size_t size = 0;
+    k->m->emit_ms = g->emit_ms;
+    k->m->llvm_ms = g->llvm_ms;
     errno = 0;
-    unsigned char *payload = make_payload(&g, n, &size);
-    back_codegen_free(&g);
-    if (!payload || !adopt(m, payload, size, &bad)) {
+    unsigned char *payload = make_payload(g, k->job->n, &size);
+    if (!payload || !adopt(k->m, payload, size, &bad)) {
         bool no_memory = !payload || errno == ENOMEM, refused = errno == EACCES || errno == EPERM;
         free(payload);
         *why = arena_printf(&s->session, "cannot load the compiled kernels: %s", no_memory ? "out of memory" : bad);
         return no_memory || refused ? SLT_LIMIT : SLT_INTERNAL;
     }
-    if (folder)
-        (void)cache_write(&s->scratch, folder, &key, payload,
-                          size); /* a cache that cannot be written costs time only */
+    if (k->folder) /* a cache that cannot be written costs time only */
+        (void)cache_write(&s->scratch, k->folder, &k->key, payload, size);
     free(payload);
     return SLT_OK;
 }
 
-int back_compile(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, CompiledModule **out,
-                 const char **why) {
-    *out = NULL;
-    int status = check_request(s, k, n, o->width, why);
+static int compile(Session *s, Making *makings, uint32_t n, const char **why) {
+    Making *lacks[BACK_MAX_JOBS];
+    CodegenJob job[BACK_MAX_JOBS];
+    uint32_t count = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        look_up(s, &makings[i]);
+        if (makings[i].m->cached) continue;
+        lacks[count] = &makings[i];
+        job[count++] = (CodegenJob){.k = makings[i].job->k, .n = makings[i].job->n, .o = &makings[i].job->o};
+    }
+    if (!count) return SLT_OK;
+    int status = back_codegen(s, job, count, 'o', false, why);
     if (status) return status;
-    CompiledModule *m = new_module(k, n, o);
-    if (!m) {
-        *why = "out of memory";
-        return SLT_LIMIT;
+    for (uint32_t i = 0; i < count; i++) {
+        if (!status) status = load(s, lacks[i], &job[i].out, why);
+        back_codegen_free(&job[i].out);
+    }
+    return status;
+}
+
+int back_compile_all(Session *s, BackJob *jobs, uint32_t n, const char **why) {
+    Making makings[BACK_MAX_JOBS] = {0};
+    int status = SLT_OK;
+    for (uint32_t i = 0; i < n; i++) jobs[i].out = NULL;
+    for (uint32_t i = 0; i < n && !status; i++) {
+        status = check_request(s, jobs[i].k, jobs[i].n, jobs[i].o.width, why);
+        if (status) break;
+        makings[i] = (Making){.job = &jobs[i], .m = new_module(jobs[i].k, jobs[i].n, &jobs[i].o)};
+        if (!makings[i].m) status = SLT_LIMIT, *why = "out of memory";
     }
     ArenaMark mark = arena_mark(&s->scratch);
-    status = compile(s, k, n, o, m, why);
+    if (!status) status = compile(s, makings, n, why);
     arena_reset(&s->scratch, mark);
-    if (status) {
-        back_free(m);
-        return status;
-    }
-    *out = m;
-    return SLT_OK;
+    for (uint32_t i = 0; i < n; i++)
+        if (status) back_free(makings[i].m);
+        else jobs[i].out = makings[i].m;
+    return status;
+}
+
+int back_compile(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, CompiledModule **out,
+                 const char **why) {
+    BackJob job = {.k = k, .n = n, .o = *o};
+    int status = back_compile_all(s, &job, 1, why);
+    *out = job.out;
+    return status;
 }
 
 static int find(const CompiledModule *m, const char *name) {

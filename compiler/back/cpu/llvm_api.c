@@ -1,9 +1,10 @@
 /* Finds libLLVM and fills the table of its functions, once a process. */
 #include "compiler/back/cpu/llvm_api.h"
-#include "compiler/back/back.h"
+#include "compiler/back/core/core.h"
 
 #include <dlfcn.h>
 #include <errno.h>
+#include <pthread.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <string.h>
@@ -54,4 +55,27 @@ const char *llvm_open(LlvmApi *api, bool *no_memory) {
     api->GetVersion(&major, &minor, &patch);
     if (major != LLVM_VERSION_MAJOR) return "the LLVM library has another version than the headers it was built with";
     return NULL;
+}
+
+/* ---- before it is needed */
+static struct {
+    pthread_t thread;
+    bool runs;
+} early;
+
+static void *open_alone(void *unused) {
+    LlvmApi api;
+    bool no_memory;
+    (void)unused, (void)llvm_open(&api, &no_memory); /* the library stays, and the next one to open it finds it */
+    return NULL;
+}
+
+void back_open_early(const char *source, bool no_cache) {
+    if (early.runs || (!no_cache && !(source && cache_is_behind(NULL, source)))) return;
+    early.runs = !pthread_create(&early.thread, NULL, open_alone, NULL);
+}
+
+void back_open_end(void) {
+    if (early.runs) pthread_join(early.thread, NULL);
+    early.runs = false;
 }

@@ -17,10 +17,13 @@
 #include "compiler/back/cpu/emit.h"
 #include "saltus/status.h"
 
-enum { MAX_UNITS = 32, MAX_THREADS = 32 };
+enum { JOB_UNITS = 32, MAX_UNITS = BACK_MAX_JOBS * JOB_UNITS, MAX_THREADS = 32 };
 /* A module costs about as much as 40 vector instructions, the frame of a kernel half of that, so that smaller kernels
  * share one. */
 enum { KERNEL_COST = 30, UNIT_COST = 240 };
+/* Large programs have more modules than the largest kernel asks for, up to EVEN of such a size: what costs are guessed
+ * wrong by is then less of the whole, and what waits for the last one. */
+enum { EVEN = 8, EVEN_COST = 1400 };
 /* As much as a main thread usually has: LLVM recurses. */
 enum { STACK_BYTES = 8 << 20 };
 enum { LEFT_BEHIND_S = 2 }; /* what the others have to end in when LLVM is broken */
@@ -28,8 +31,9 @@ enum { LEFT_BEHIND_S = 2 }; /* what the others have to end in when LLVM is broke
 typedef struct Team {
     LlvmApi api;
     CodeUnit unit[MAX_UNITS];
-    Session *own[MAX_UNITS]; /* of the thread that wrote a unit: has its error; NULL: the caller's */
-    uint32_t n, next, running;
+    uint64_t load[MAX_UNITS]; /* what a unit that waits will take; 0: it is written, or being so */
+    Session *own[MAX_UNITS];  /* of the thread that wrote a unit: has its error; NULL: the caller's */
+    uint32_t n, running;
     pthread_mutex_t lock;
     pthread_cond_t ended;
 } Team;
@@ -55,14 +59,15 @@ static uint64_t kernel_cost(const KernelRequest *k, uint32_t width, const Target
 
 typedef struct Shares {
     uint64_t *cost; /* by kernel; then 0 where it has a unit */
-    uint32_t *of;   /* by kernel: its unit */
-    bool *plain;    /* likewise: at level 0 */
-    uint32_t n, units;
-    uint64_t load[MAX_UNITS];
+    uint32_t *of;   /* by kernel: its unit, of those of the job, which begin with `first` */
+    uint32_t *width;
+    bool *plain; /* by kernel: at level 0 */
+    uint32_t n, units, first;
+    uint64_t load[JOB_UNITS];
 } Shares;
 
-/* Those of one level: the costly ones first, each to the unit that has least so far. More units than it takes to have
- * the largest kernel alone would end no sooner. */
+/* Those of one level: the costly ones first, each to the unit that has least so far. Of a small program more units than
+ * it takes to have the largest kernel alone would end no sooner. */
 static void share_level(Shares *s, bool plain) {
     uint64_t total = 0, largest = UNIT_COST;
     uint32_t first = s->units, count = 0;
@@ -71,8 +76,10 @@ static void share_level(Shares *s, bool plain) {
         total += s->cost[j], count++;
         if (s->cost[j] > largest) largest = s->cost[j];
     }
-    uint64_t wanted = (total + largest - 1) / largest;
-    s->units += wanted > MAX_UNITS / 2 ? MAX_UNITS / 2 : (uint32_t)wanted;
+    uint64_t wanted = (total + largest - 1) / largest, even = total / EVEN_COST;
+    if (even > EVEN) even = EVEN;
+    if (even > wanted) wanted = even < count ? even : count;
+    s->units += wanted > JOB_UNITS / 2 ? JOB_UNITS / 2 : (uint32_t)wanted;
     for (; count; count--) {
         uint32_t most = s->n, least = first;
         for (uint32_t j = 0; j < s->n; j++)
@@ -83,14 +90,17 @@ static void share_level(Shares *s, bool plain) {
     }
 }
 
-static void share_out(Shares *s, const KernelRequest *k, const uint32_t *width, uint32_t n, const BackOptions *o,
-                      bool whole, Arena *arena) {
+static void share_out(Shares *s, const CodegenJob *job, bool whole, Arena *arena) {
+    const uint32_t n = job->n;
+    const BackOptions *o = job->o;
     *s = (Shares){.cost = ARENA_ARRAY(arena, uint64_t, n + 1),
                   .of = ARENA_ARRAY(arena, uint32_t, n + 1),
+                  .width = ARENA_ARRAY(arena, uint32_t, n + 1),
                   .plain = ARENA_ARRAY(arena, bool, n + 1),
                   .n = n};
     for (uint32_t j = 0; j < n; j++) {
-        s->cost[j] = kernel_cost(&k[j], width[j], &o->target);
+        s->width[j] = back_choose_width(job->k, j, o);
+        s->cost[j] = kernel_cost(&job->k[j], s->width[j], &o->target);
         s->plain[j] = j < 64 && o->plain >> j & 1 && o->opt_level;
     }
     if (!whole) share_level(s, true), share_level(s, false);
@@ -125,7 +135,15 @@ static void write_unit(Session *s, CodeUnit *u) {
 }
 
 /* ---- all of them */
-static CodeUnit *next_unit(Team *t) { return t->next < t->n ? &t->unit[t->next++] : NULL; }
+/* The one that takes longest: small ones fill up what the threads differ by at the end. */
+static CodeUnit *next_unit(Team *t) {
+    uint32_t most = 0;
+    for (uint32_t u = 1; u < t->n; u++)
+        if (t->load[u] > t->load[most]) most = u;
+    if (!t->load[most]) return NULL;
+    t->load[most] = 0;
+    return &t->unit[most];
+}
 
 static void *run(void *arg) {
     Team *t = arg;
@@ -199,15 +217,15 @@ static void free_team(Team *t) {
     free(t);
 }
 
-static bool make_units(Team *t, const KernelRequest *k, const uint32_t *width, const Shares *s, const BackOptions *o,
-                       char kind, bool whole) {
+static bool make_units(Team *t, const CodegenJob *job, const Shares *s, char kind, bool whole) {
     bool ok = true;
-    for (uint32_t u = 0; u < t->n; u++) {
-        CodeUnit *unit = &t->unit[u];
+    for (uint32_t u = 0; u < s->units; u++) {
+        CodeUnit *unit = &t->unit[s->first + u];
         uint32_t count = 0, functions = 0;
         for (uint32_t j = 0; j < s->n; j++)
-            if (s->of[j] == u) count++, functions += count_functions(&k[j]);
-        *unit = (CodeUnit){.ll = &t->api, .o = o, .opt_level = o->opt_level, .kind = kind};
+            if (s->of[j] == u) count++, functions += count_functions(&job->k[j]);
+        t->load[s->first + u] = s->load[u] ? s->load[u] : 1; /* nobody counts where it is the whole */
+        *unit = (CodeUnit){.ll = &t->api, .o = job->o, .opt_level = job->o->opt_level, .kind = kind};
         if (!unit_init(unit, count, functions)) {
             ok = false;
             continue;
@@ -215,67 +233,74 @@ static bool make_units(Team *t, const KernelRequest *k, const uint32_t *width, c
         for (uint32_t j = 0; j < s->n; j++) {
             if (s->of[j] != u) continue;
             if (!whole && s->plain[j]) unit->opt_level = 0;
-            unit->width[unit->n] = width[j], unit->k[unit->n++] = k[j];
+            unit->width[unit->n] = s->width[j], unit->k[unit->n++] = job->k[j];
         }
     }
     return ok;
 }
 
-static int give(Session *s, Team *t, const uint32_t *unit_of, uint32_t n, Codegen *out, const char **why) {
+static int find_error(Session *s, const Team *t, const char **why) {
     for (uint32_t u = 0; u < t->n; u++) {
-        CodeUnit *unit = &t->unit[u];
+        const CodeUnit *unit = &t->unit[u];
         if (!unit->status) continue;
         *why = arena_printf(&s->session, "%s", unit->why);
         return unit->status;
     }
-    uint32_t at[MAX_UNITS] = {0};
-    out->n = t->n;
-    for (uint32_t j = 0; j < n; j++) out->instructions[j] = t->unit[unit_of[j]].instructions[at[unit_of[j]]++];
-    for (uint32_t u = 0; u < t->n; u++) {
-        out->object[u] = (CodeObject){t->unit[u].bytes, t->unit[u].size};
-        t->unit[u].bytes = NULL;
-    }
     return SLT_OK;
 }
 
-int back_codegen(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, char kind, bool whole,
-                 Codegen *out, const char **why) {
-    *out = (Codegen){.object = ARENA_ARRAY(&s->session, CodeObject, MAX_UNITS),
-                     .instructions = ARENA_ARRAY(&s->session, uint32_t, n + 1)};
-    uint32_t *width = ARENA_ARRAY(&s->session, uint32_t, n + 1);
-    for (uint32_t j = 0; j < n; j++) width[j] = back_choose_width(k, j, o);
-    Shares shares;
-    share_out(&shares, k, width, n, o, whole, &s->session);
+static void give(Team *t, const Shares *s, Codegen *out) {
+    CodeUnit *unit = &t->unit[s->first];
+    uint32_t at[JOB_UNITS] = {0};
+    out->n = s->units;
+    for (uint32_t j = 0; j < s->n; j++) out->instructions[j] = unit[s->of[j]].instructions[at[s->of[j]]++];
+    for (uint32_t u = 0; u < s->units; u++) {
+        out->object[u] = (CodeObject){unit[u].bytes, unit[u].size};
+        unit[u].bytes = NULL;
+    }
+}
+
+int back_codegen(Session *s, CodegenJob *jobs, uint32_t njobs, char kind, bool whole, const char **why) {
+    Shares shares[BACK_MAX_JOBS];
+    uint32_t units = 0;
+    for (uint32_t j = 0; j < njobs; j++) {
+        jobs[j].out = (Codegen){.object = ARENA_ARRAY(&s->session, CodeObject, JOB_UNITS),
+                                .instructions = ARENA_ARRAY(&s->session, uint32_t, jobs[j].n + 1)};
+        share_out(&shares[j], &jobs[j], whole, &s->session);
+        shares[j].first = units, units += shares[j].units;
+    }
     Team *t = calloc(1, sizeof *t);
     if (!t) {
         *why = "out of memory";
         return SLT_LIMIT;
     }
+    t->n = units;
     pthread_mutex_init(&t->lock, NULL);
     pthread_cond_init(&t->ended, NULL);
-    t->n = shares.units;
     bool no_memory;
     const char *missing = llvm_open(&t->api, &no_memory);
     int status = missing ? (no_memory ? SLT_LIMIT : SLT_INPUT) : SLT_OK;
     if (missing) *why = arena_printf(&s->session, "cannot load LLVM: %s", missing);
-    if (!status && !make_units(t, k, width, &shares, o, kind, whole)) status = SLT_LIMIT, *why = "out of memory";
+    for (uint32_t j = 0; j < njobs && !missing; j++)
+        if (!make_units(t, &jobs[j], &shares[j], kind, whole)) status = SLT_LIMIT, *why = "out of memory";
     double start = now_ms();
     if (!status) {
         status = session_protect(s, emit_guarded, t);
         guard_end();
         if (status) *why = arena_printf(&s->session, "%s", s->unwind_text);
     }
-    out->emit_ms = now_ms() - start;
-    start = now_ms();
+    double emitted_at = now_ms();
     bool all = true, emitted = !status;
     for (uint32_t u = 0; u < t->n; u++) emitted &= !t->unit[u].status;
-    if (emitted) all = write_all(s, t, count_threads(o->threads, t->n));
-    out->llvm_ms = now_ms() - start;
+    if (emitted) all = write_all(s, t, count_threads(jobs[0].o->threads, t->n));
+    for (uint32_t j = 0; j < njobs; j++)
+        jobs[j].out.emit_ms = emitted_at - start, jobs[j].out.llvm_ms = now_ms() - emitted_at;
     if (!all) {
         *why = "out of memory while LLVM compiled";
         return SLT_LIMIT;
     }
-    if (!status) status = give(s, t, shares.of, n, out, why);
+    if (!status) status = find_error(s, t, why);
+    for (uint32_t j = 0; j < njobs && !status; j++) give(t, &shares[j], &jobs[j].out);
     free_team(t);
     return status;
 }
@@ -290,9 +315,9 @@ int back_emit(Session *s, const KernelRequest *k, uint32_t n, const BackOptions 
     *bytes = NULL, *size = 0;
     int status = back_check_width(s, o->width, why);
     if (status) return status;
-    Codegen g;
-    status = back_codegen(s, k, n, o, kind, true, &g, why);
+    CodegenJob job = {.k = k, .n = n, .o = o};
+    status = back_codegen(s, &job, 1, kind, true, why);
     if (status) return status;
-    *bytes = g.object[0].bytes, *size = g.object[0].size;
+    *bytes = job.out.object[0].bytes, *size = job.out.object[0].size;
     return SLT_OK;
 }
