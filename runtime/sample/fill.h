@@ -41,6 +41,9 @@ typedef struct Fill {
     void (*sum_f64)(const double *f, uint32_t runs, const uint32_t *count, double *to, uint32_t stride);
     /* to[n] = sum[n] / count */
     void (*mean)(const double *sum, uint64_t n, uint32_t count, float *to);
+    /* The sum of m a b in order, of residuals a and b of the halves of an image, and in place of each half
+     * 2 m / numbers times the other's residual; half[1] NULL: of one image, with itself. mask m: NULL: 1. */
+    double (*residuals)(float *half0, float *half1, const float *target, const float *mask, uint64_t n, double numbers);
     /* How many bytes from v on are 0: all `bytes` of them, or of those before the first that is not whole 64 a time. */
     uint64_t (*zeros)(const void *v, uint64_t bytes);
 } Fill;

@@ -159,11 +159,13 @@ double grid_place_filtered(const Grid *g, uint32_t axis, uint32_t p, double u) {
     return g->lo[axis] + (p + 0.5 + v) * g->side[axis];
 }
 
-void grid_gather(const Grid *g, const float *adjoint, uint32_t channels, const double x[3], double *out) {
+/* stride: from one pixel to the next. */
+static void gather(const Grid *g, const float *adjoint, uint32_t stride, uint32_t channels, const double x[3],
+                   double *out) {
     if (g->filter == SLT_FILTER_BOX && !g->integral) {
         uint32_t at[3] = {0};
         for (uint32_t d = 0; d < g->dim; d++) at[d] = grid_cell(g, d, x[d]);
-        const float *a = adjoint + grid_index(g, at[0], at[1], at[2]) * channels;
+        const float *a = adjoint + grid_index(g, at[0], at[1], at[2]) * stride;
         for (uint32_t c = 0; c < channels; c++) out[c] = g->density * (double)a[c];
         return;
     }
@@ -174,10 +176,19 @@ void grid_gather(const Grid *g, const float *adjoint, uint32_t channels, const d
     for (uint32_t k = 0; k < n[2]; k++)
         for (uint32_t j = 0; j < n[1]; j++)
             for (uint32_t i = 0; i < n[0]; i++) {
-                const float *a = adjoint + grid_index(g, first[0] + i, first[1] + j, first[2] + k) * channels;
+                const float *a = adjoint + grid_index(g, first[0] + i, first[1] + j, first[2] + k) * stride;
                 double weight = w[0][i] * w[1][j] * w[2][k];
                 for (uint32_t c = 0; c < channels; c++) out[c] += weight * (double)a[c];
             }
+}
+
+void grid_gather(const Grid *g, const float *adjoint, uint32_t channels, const double x[3], double *out) {
+    gather(g, adjoint, channels, channels, x, out);
+}
+
+void grid_gather_all(const Grid *g, float v, uint32_t channels, const double x[3], double *out) {
+    const float of[SLT_MAX_CHANNELS] = {v, v, v, v};
+    gather(g, of, 0, channels, x, out);
 }
 
 void pattern_init(Pattern *p, const SltScene *s, uint32_t seed, RngPurpose purpose, uint32_t lane, uint64_t owner) {

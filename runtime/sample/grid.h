@@ -49,6 +49,8 @@ static inline double grid_middle(const Grid *g, uint32_t axis, uint32_t p) {
 }
 /* out[channels] = sum over pixels of adjoint * filter at x. */
 void grid_gather(const Grid *g, const float *adjoint, uint32_t channels, const double x[3], double *out);
+/* The same of an image that is v everywhere. */
+void grid_gather_all(const Grid *g, float v, uint32_t channels, const double x[3], double *out);
 
 /* The samples of a pixel, or of the whole domain: an additive recurrence with a random shift. */
 typedef struct Pattern {

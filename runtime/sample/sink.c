@@ -303,6 +303,7 @@ static void emit_noise(Sink *k, const Crossing *c, const uint64_t *order, uint32
             if (of[i] != g) continue;
             grid_gather(k->grid, k->noise[0], channels, x->x, off);
             if (k->noise[1]) grid_gather(k->grid, k->noise[1], channels, x->x, least);
+            else if (k->least > 0) grid_gather_all(k->grid, k->least, channels, x->x, least);
             for (uint32_t ch = 0; ch < channels; ch++)
                 seed += copysign(fmax(fabs(off[ch]), fabs(least[ch] * x->jump[ch])), off[ch]) * x->jump[ch];
             if (seed == 0) continue;

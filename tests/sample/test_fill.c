@@ -240,6 +240,33 @@ static void check_zeros(const Fill *f) {
 }
 static void test_zeros(void **unused) { (void)unused, for_all(check_zeros); }
 
+/* Sums and adjoints number by number, with a mask and without, of halves and of one image. */
+static void check_residuals(const Fill *f) {
+    enum { MOST = 100 };
+    for (uint32_t k = 0; k < 400; k++) {
+        float half[2][MOST], was[2][MOST], target[MOST], mask[MOST];
+        const uint64_t n = words() % MOST;
+        const bool masked = k & 1, halves = k & 2;
+        const double numbers = 3 * (1 + words() % 1000);
+        for (uint32_t i = 0; i < MOST; i++) {
+            for (int h = 0; h < 2; h++) half[h][i] = was[h][i] = (float)rng_unit(word());
+            target[i] = (float)rng_unit(word()), mask[i] = (float)rng_unit(word());
+        }
+        const double got = f->residuals(half[0], halves ? half[1] : NULL, target, masked ? mask : NULL, n, numbers);
+        double sum = 0;
+        for (uint32_t i = 0; i < MOST; i++) {
+            const double m = masked ? (double)mask[i] : 1, a = (double)was[0][i] - (double)target[i],
+                         b = halves ? (double)was[1][i] - (double)target[i] : a;
+            const bool beyond = i >= n;
+            if (!beyond) sum += m * a * b;
+            assert_true(half[0][i] == (beyond ? was[0][i] : (float)(2 * m * b / numbers)));
+            assert_true(half[1][i] == (beyond || !halves ? was[1][i] : (float)(2 * m * a / numbers)));
+        }
+        assert_true(got == sum);
+    }
+}
+static void test_residuals(void **unused) { (void)unused, for_all(check_residuals); }
+
 /* ---- the Gaussian filter */
 /* The part of the filter up to where a sample lies is what it was drawn by, to the last places of what erf gives. */
 static void test_gaussian(void **unused) {
@@ -263,9 +290,9 @@ static void test_gaussian(void **unused) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_blocks), cmocka_unit_test(test_streams),
-                                       cmocka_unit_test(test_spread), cmocka_unit_test(test_sums),
-                                       cmocka_unit_test(test_walks),  cmocka_unit_test(test_integrals),
-                                       cmocka_unit_test(test_zeros),  cmocka_unit_test(test_gaussian)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_blocks), cmocka_unit_test(test_streams),   cmocka_unit_test(test_spread),
+        cmocka_unit_test(test_sums),   cmocka_unit_test(test_walks),     cmocka_unit_test(test_integrals),
+        cmocka_unit_test(test_zeros),  cmocka_unit_test(test_residuals), cmocka_unit_test(test_gaussian)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
