@@ -39,12 +39,19 @@ static inline bool search_differ_in_face(Mark a, Mark b, double threshold) {
     return a.face != b.face && a.hash == b.hash && !depth_differs(a.depth, b.depth, threshold);
 }
 
-/* ---- finder.c: the part of s from ta to tb, with marks a and b, goes back on the stack if a and b differ. cut: the t
- * at which to bisect the part; 0: in the middle */
-void search_push(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b, SearchState state);
-void search_push_cut(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b, SearchState state, double cut);
+/* Of numbers, none of which is NaN. */
+static inline double search_greater(double a, double b) { return a > b ? a : b; }
+static inline double search_lesser(double a, double b) { return a < b ? a : b; }
 
-void search_put(Finder *f, uint32_t lane, const Segment *s, double t);
+/* ---- finder.c: the part of s from ta to tb, with marks a and b, goes back on the stack if a and b differ */
+void search_push(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b, SearchState state);
+
+static inline void search_put(Finder *f, uint32_t lane, const Segment *s, double t) {
+    double x[3];
+    segment_at(s, t, x);
+    batch_set_x(f->b, lane, x);
+    batch_set_stream(f->b, lane, s->stream, s->rand0);
+}
 /* Two units in the last place of the position, in parts of the whole segment. */
 double search_least(const Finder *f, const Segment *s);
 void search_solve(Finder *f, Item *items, uint32_t n);

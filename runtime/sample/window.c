@@ -79,7 +79,7 @@ uint32_t window_take_halves(Finder *f, Item *items, uint32_t n) {
         if ((items[i].s.state == SEARCH_HALVE || items[i].s.state == SEARCH_FLAT) &&
             items[i].s.tb - items[i].s.ta > items[i].tol)
             assert(f->nsplit < FIND), f->split[f->nsplit++] = items[i].s;
-        else items[kept++] = items[i];
+        else if (kept++ != i) items[kept - 1] = items[i];
     return kept;
 }
 
