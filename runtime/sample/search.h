@@ -63,7 +63,10 @@ void flank_settle(Finder *f, Item *items, const uint32_t *slot, uint32_t n);
 
 /* ---- window.c */
 /* Is the site a ray's, so that its g looks along a window? */
-bool window_site(const SltScene *s, int32_t site);
+static inline bool window_site(const SltScene *s, int32_t site) {
+    return search_has_windows(s) && s->site_kind[site] >= SLT_SITE_SILHOUETTE &&
+           s->site_kind[site] <= SLT_SITE_MESH_SHADOW;
+}
 /* By how much brackets of such sites are widened on both sides, in parts of the segment. */
 double window_padding(const Finder *f, const Segment *s, double tol);
 void window_ask_again(Finder *f, const Segment *s, double lo, double hi, Mark before, Mark after);

@@ -284,33 +284,52 @@ static void emit_reverse(Sink *k, const Crossing *c, const uint64_t *order, uint
     accum_call(k->acc, k->b, SLT_K_SITE_VJP, used, which);
 }
 
+/* The seed of a crossing by the error of the adjoint, before its weight. */
+static double noise_seed(const Sink *k, const Crossing *x, const uint32_t cell[3]) {
+    const uint32_t channels = k->b->s->channels;
+    const bool box = grid_is_box(k->grid);
+    double off[SLT_MAX_CHANNELS], least[SLT_MAX_CHANNELS] = {0}, seed = 0;
+    if (box) grid_gather_box(k->grid, k->noise[0], channels, cell, off);
+    else grid_gather(k->grid, k->noise[0], channels, x->x, off);
+    if (k->noise[1]) grid_gather(k->grid, k->noise[1], channels, x->x, least);
+    else if (k->least > 0) {
+        const double all = grid_gather_all(k->grid, k->least, x->x);
+        for (uint32_t ch = 0; ch < channels; ch++) least[ch] = all;
+    }
+    for (uint32_t ch = 0; ch < channels; ch++)
+        seed += copysign(fmax(fabs(off[ch]), fabs(least[ch] * x->jump[ch])), off[ch]) * x->jump[ch];
+    return seed;
+}
+
 /* What crossings weigh by the error of the adjoint, which is each pixel's own: into one of PARTS_NOISE sums of pixels
  * that are not neighbours. */
 static void emit_noise(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n) {
-    uint32_t channels = k->b->s->channels, first = k->classes + k->misses;
+    const uint32_t first = k->classes + k->misses;
+    double seed[BATCH];
     uint8_t of[BATCH];
+    uint16_t sorted[BATCH];
+    uint32_t place[PARTS_NOISE + 1] = {0};
     for (uint32_t i = 0; i < n; i++) {
         const Crossing *x = &c[(uint32_t)order[i]];
-        uint32_t cell = 0;
-        for (uint32_t d = 0; d < k->grid->dim; d++) cell += (2 * d + 1) * grid_cell(k->grid, d, x->x[d]);
-        of[i] = cell % PARTS_NOISE;
+        uint32_t cell[3], sum = 0;
+        grid_cells(k->grid, x->x, cell);
+        for (uint32_t d = 0; d < k->grid->dim; d++) sum += (2 * d + 1) * cell[d];
+        of[i] = sum % PARTS_NOISE;
+        seed[i] = noise_seed(k, x, cell);
+        place[of[i] + 1] += seed[i] != 0;
     }
+    for (uint32_t g = 0; g < PARTS_NOISE; g++) place[g + 1] += place[g];
+    uint32_t end[PARTS_NOISE];
+    memcpy(end, place, sizeof end);
+    for (uint32_t i = 0; i < n; i++)
+        if (seed[i] != 0) sorted[end[of[i]]++] = (uint16_t)i;
     for (uint32_t g = 0; g < PARTS_NOISE; g++) {
-        uint32_t used = 0;
-        for (uint32_t i = 0; i < n; i++) {
-            const Crossing *x = &c[(uint32_t)order[i]];
-            double off[SLT_MAX_CHANNELS], least[SLT_MAX_CHANNELS] = {0}, seed = 0;
-            if (of[i] != g) continue;
-            grid_gather(k->grid, k->noise[0], channels, x->x, off);
-            if (k->noise[1]) grid_gather(k->grid, k->noise[1], channels, x->x, least);
-            else if (k->least > 0) grid_gather_all(k->grid, k->least, channels, x->x, least);
-            for (uint32_t ch = 0; ch < channels; ch++)
-                seed += copysign(fmax(fabs(off[ch]), fabs(least[ch] * x->jump[ch])), off[ch]) * x->jump[ch];
-            if (seed == 0) continue;
-            sink_put(k, used, x);
-            batch_set(k->b, SLT_IN_SEED0, used++, seed * x->weight);
+        for (uint32_t at = place[g]; at < end[g]; at++) {
+            const Crossing *x = &c[(uint32_t)order[sorted[at]]];
+            sink_put(k, at - place[g], x);
+            batch_set(k->b, SLT_IN_SEED0, at - place[g], seed[sorted[at]] * x->weight);
         }
-        accum_call(k->acc, k->b, SLT_K_SITE_VJP, used, first + g);
+        accum_call(k->acc, k->b, SLT_K_SITE_VJP, end[g] - place[g], first + g);
     }
 }
 

@@ -267,6 +267,31 @@ static void check_residuals(const Fill *f) {
 }
 static void test_residuals(void **unused) { (void)unused, for_all(check_residuals); }
 
+/* Of an image that is the same everywhere no image is needed: not a bit is another. */
+static void test_gather(void **unused) {
+    (void)unused;
+    enum { SIDE = 9, CHANNELS = 3 };
+    static const SltFilter filter[] = {SLT_FILTER_BOX, SLT_FILTER_TENT, SLT_FILTER_GAUSSIAN};
+    for (uint32_t k = 0; k < 3; k++) {
+        SltScene s = {.dim = 2, .channels = CHANNELS, .hi = {3, 1.7, 1}};
+        SltJob j = SLT_JOB_INIT;
+        SltError err;
+        Grid g;
+        j.size[0] = j.size[1] = SIDE, j.filter = filter[k];
+        assert_int_equal(grid_init(&g, &s, &j, &err), SLT_OK);
+        for (uint32_t i = 0; i < 1000; i++) {
+            const float v = (float)rng_unit(word());
+            const double x[3] = {3 * rng_unit(word()), 1.7 * rng_unit(word())};
+            float image[SIDE * SIDE * CHANNELS];
+            double want[CHANNELS], all = grid_gather_all(&g, v, x);
+            for (uint32_t p = 0; p < SIDE * SIDE * CHANNELS; p++) image[p] = v;
+            grid_gather(&g, image, CHANNELS, x, want);
+            for (uint32_t c = 0; c < CHANNELS; c++) assert_true(all == want[c] && all > 0);
+        }
+        grid_free(&g);
+    }
+}
+
 /* ---- the Gaussian filter */
 /* The part of the filter up to where a sample lies is what it was drawn by, to the last places of what erf gives. */
 static void test_gaussian(void **unused) {
@@ -290,9 +315,10 @@ static void test_gaussian(void **unused) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_blocks), cmocka_unit_test(test_streams),   cmocka_unit_test(test_spread),
-        cmocka_unit_test(test_sums),   cmocka_unit_test(test_walks),     cmocka_unit_test(test_integrals),
-        cmocka_unit_test(test_zeros),  cmocka_unit_test(test_residuals), cmocka_unit_test(test_gaussian)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_blocks), cmocka_unit_test(test_streams),
+                                       cmocka_unit_test(test_spread), cmocka_unit_test(test_sums),
+                                       cmocka_unit_test(test_walks),  cmocka_unit_test(test_integrals),
+                                       cmocka_unit_test(test_zeros),  cmocka_unit_test(test_residuals),
+                                       cmocka_unit_test(test_gather), cmocka_unit_test(test_gaussian)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
