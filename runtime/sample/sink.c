@@ -412,19 +412,33 @@ static void emit(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n) 
     case SINK_REVERSE:
         emit_reverse(k, c, order, n, k->sizes ? cls & 1 : k->classes > 1 ? cls : 0, 0);
         if (k->sizes && cls & 4) emit_reverse(k, c, order, n, SIZE_GROUP, cls & 2 ? 2 : 1);
-        if (k->noise[0]) emit_noise(k, c, order, n);
         break;
     case SINK_FORWARD: emit_forward(k, c, order, n); break;
     case SINK_KEEP: break;
     }
 }
 
+/* All groups, of those that are kept (NULL: of all). Noise asks for no class: those of one site and move go together,
+ * as each of its sums gets few. */
+static void emit_groups(Sink *k, const Crossing *c, const bool *keep, uint32_t n) {
+    enum { CLASS = 36 /* bits of k->order below the move: see group */ };
+    uint32_t put = 0, quiet = 0; /* entries of k->order that are out, and those of them whose noise is, too */
+    for (uint32_t from = 0, to; from < n; from = to) {
+        const uint64_t key = k->order[from] >> CLASS;
+        const uint32_t first = put;
+        to = group_end(k, c, from, n);
+        for (uint32_t i = from; i < to; i++)
+            if (!keep || keep[i]) k->order[put++] = k->order[i];
+        emit(k, c, k->order + first, put - first);
+        if (to < n && k->order[to] >> CLASS == key) continue;
+        if (k->noise[0] && put > quiet) emit_noise(k, c, k->order + quiet, put - quiet);
+        quiet = put;
+    }
+}
+
 void sink_put_weighed(Sink *k, const Crossing *c, uint32_t n) {
     group(k, c, n);
-    for (uint32_t from = 0, to; from < n; from = to) {
-        to = group_end(k, c, from, n);
-        emit(k, c, k->order + from, to - from);
-    }
+    emit_groups(k, c, NULL, n);
     sink_move(k, NULL);
 }
 
@@ -546,17 +560,11 @@ void sink_take(void *sink, Crossing *c, uint32_t n) {
     coincide_settle(k, c, k->order, keep, n);
     put_doubts(k, c, keep, n);
     kink_settle(k, c, k->order, keep, n);
-    for (uint32_t from = 0, to; from < n; from = to) {
-        uint32_t kept = 0;
-        to = group_end(k, c, from, n);
-        for (uint32_t i = from; i < to; i++) {
-            if (!keep[i]) continue;
-            const Crossing *x = &c[(uint32_t)k->order[i]];
-            if (x->thin && k->misses && room(k, &k->thin, &k->thin_cap, k->nthin + 1)) k->thin[k->nthin++] = *x;
-            k->order[from + kept++] = k->order[i];
-        }
-        emit(k, c, k->order + from, kept);
+    for (uint32_t i = 0; i < n && k->misses; i++) {
+        const Crossing *x = &c[(uint32_t)k->order[i]];
+        if (keep[i] && x->thin && room(k, &k->thin, &k->thin_cap, k->nthin + 1)) k->thin[k->nthin++] = *x;
     }
+    emit_groups(k, c, keep, n);
     if (k->coincide.nparts) put_parts(k);
     put_kinks(k);
 }
