@@ -278,6 +278,8 @@ static double residuals(float *half0, float *half1, const float *target, const f
     return (mask ? residuals_of_masked : residuals_of_one)(half0, half1, target, mask, n, numbers);
 }
 
+#include "runtime/sample/roots.inc.h"
+
 static uint64_t zeros(const void *v, uint64_t bytes) {
     enum { LINE = 64, LONG = 8 * LINE };
     const unsigned char *from = v;

@@ -25,12 +25,13 @@ bool finder_init(Finder *f, Batch *b) {
     f->found = malloc(BATCH * sizeof *f->found);
     f->items = malloc(FIND * sizeof(Item));
     f->order = malloc(BATCH * sizeof *f->order);
-    return f->stack && f->split && f->still && f->found && f->items && f->order;
+    f->roots = calloc(1, sizeof *f->roots); /* whole vectors are read */
+    return f->stack && f->split && f->still && f->found && f->items && f->order && f->roots;
 }
 
 void finder_free(Finder *f) {
     free(f->alike), free(f->silent), free(f->stack), free(f->sorted), free(f->keys), free(f->split), free(f->still),
-        free(f->found), free(f->items), free(f->order);
+        free(f->found), free(f->items), free(f->order), free(f->roots);
     memset(f, 0, sizeof *f);
 }
 
@@ -239,34 +240,6 @@ static void split(Finder *f, const Segment *s, double tol, SltDrop reason, int32
 /* ---- root of g on the bracket */
 static bool same_sign(double a, double b) { return (a < 0) == (b < 0); }
 
-/* The greatest for all n from 1023 on. ldexp is a call of the library. */
-static double power_of_two(uint32_t n) {
-    uint64_t bits = (uint64_t)(1023 + (n < 1023 ? n : 1023)) << 52;
-    double v;
-    memcpy(&v, &bits, sizeof v);
-    return v;
-}
-
-/* Where to look next in [x1, x2], as a fraction of the way from x1 to x2. */
-static double chandrupatla(const Item *it, double width) {
-    double least = 0.75 * it->tol / width;
-    if (least >= 0.5) return 0.5;
-    /* Once only bisection can still arrive in time, bisect. */
-    if (width > power_of_two(it->left) * it->tol) return 0.5;
-    double t = 0.5;
-    /* The window of a ray is empty at this end: g has a sign, but is no number to draw lines through. */
-    if (isinf(it->f1) || isinf(it->f2)) return t;
-    if (it->x3 == it->x2 || it->f3 == it->f2) {
-        t = it->f1 / (it->f1 - it->f2);
-    } else {
-        double xi = (it->x1 - it->x2) / (it->x3 - it->x2), phi = (it->f1 - it->f2) / (it->f3 - it->f2);
-        if (phi * phi < xi && (1 - phi) * (1 - phi) < 1 - xi)
-            t = it->f1 / (it->f2 - it->f1) * it->f3 / (it->f2 - it->f3) +
-                (it->x3 - it->x1) / (it->x2 - it->x1) * it->f1 / (it->f3 - it->f1) * it->f2 / (it->f3 - it->f2);
-    }
-    return search_clamp(isfinite(t) ? t : 0.5, least, 1 - least);
-}
-
 /* By how much, of itself, the slope of g may change between x1 and the root: more than this is asked for a root that is
  * nearer, as the slope is what the crossing weighs. Not of a g that jumps, whose root is anywhere in the bracket. */
 #define SLOPE_KEEPS 0x1p-26
@@ -290,30 +263,12 @@ static uint32_t steps_to(double width, double tol) {
     return (uint32_t)ceil(log2(times)) + 2;
 }
 
-/* Prepares the next evaluation; false when the bracket is small enough. */
-static bool root_step(Item *it) {
-    double width = fabs(it->x2 - it->x1);
-    if (it->least > 0 && width <= it->tol && width > it->least && !it->exact && slope_changes(it)) {
-        it->tol = it->least, it->least = 0;
-        it->left = steps_to(width, it->tol);
-    }
-    if (it->exact || width <= it->tol || !it->left) return false;
-    double t = chandrupatla(it, width);
-    it->next = it->x1 + t * (it->x2 - it->x1);
-    if (it->next == it->x1 || it->next == it->x2) return false;
-    it->left--;
-    return true;
-}
-
-static void root_take(Item *it, double g) {
-    if (g == 0) {
-        it->x1 = it->next, it->f1 = 0, it->exact = true;
-        return;
-    }
-    /* A g of NaN counts as having the sign of the older end, so that the bracket still shrinks. */
-    if (same_sign(g, it->f1)) it->x3 = it->x1, it->f3 = it->f1;
-    else it->x3 = it->x2, it->f3 = it->f2, it->x2 = it->x1, it->f2 = it->f1;
-    it->x1 = it->next, it->f1 = g;
+/* In double precision a g that bends much is asked for a root that is nearer. */
+static void ask_nearer(Item *it) {
+    const double width = fabs(it->x2 - it->x1);
+    if (!(it->least > 0) || !(width <= it->tol) || !(width > it->least) || it->exact || !slope_changes(it)) return;
+    it->tol = it->least, it->least = 0;
+    it->left = steps_to(width, it->tol);
 }
 
 static void root_begin(Item *it) {
@@ -329,23 +284,50 @@ static void root_begin(Item *it) {
     }
 }
 
+static void load_root(Roots *r, uint32_t i, const Item *it) {
+    r->x1[i] = it->x1, r->x2[i] = it->x2, r->x3[i] = it->x3, r->f1[i] = it->f1, r->f2[i] = it->f2, r->f3[i] = it->f3;
+    r->tol[i] = it->tol, r->left[i] = it->left, r->exact[i] = -(int64_t)it->exact;
+}
+
+static void store_root(const Roots *r, uint32_t i, Item *it) {
+    it->x1 = r->x1[i], it->x2 = r->x2[i], it->x3 = r->x3[i], it->f1 = r->f1[i], it->f2 = r->f2[i], it->f3 = r->f3[i];
+    it->left = (uint32_t)r->left[i], it->exact = r->exact[i];
+}
+
+static void move_root(Roots *r, uint32_t to, uint32_t i) {
+    r->x1[to] = r->x1[i], r->x2[to] = r->x2[i], r->x3[to] = r->x3[i], r->f1[to] = r->f1[i], r->f2[to] = r->f2[i];
+    r->f3[to] = r->f3[i], r->tol[to] = r->tol[i], r->next[to] = r->next[i], r->left[to] = r->left[i];
+    r->exact[to] = r->exact[i];
+}
+
 /* Roots of the items order[0..n), all of one site. */
 static void solve_site(Finder *f, Item *items, uint64_t *order, uint32_t n) {
     Batch *b = f->b;
+    Roots *r = f->roots;
     b->args.site = items[(uint32_t)order[0]].event.site;
+    for (uint32_t i = 0; i < n; i++) load_root(r, i, &items[(uint32_t)order[i]]);
     for (;;) {
         uint32_t active = 0;
+        for (uint32_t i = 0; i < n && b->f64; i++) {
+            Item *it = &items[(uint32_t)order[i]];
+            store_root(r, i, it), ask_nearer(it), load_root(r, i, it);
+        }
+        b->fill->roots_step(r, n);
         for (uint32_t i = 0; i < n; i++) {
             Item *it = &items[(uint32_t)order[i]];
-            if (!root_step(it)) continue;
-            search_put(f, active, &it->s, it->next);
+            if (!r->go[i]) {
+                store_root(r, i, it);
+                continue;
+            }
+            search_put(f, active, &it->s, r->next[i]);
             batch_set_event(b, active, &it->event);
-            order[active++] = order[i];
+            if (active != i) move_root(r, active, i), order[active] = order[i];
+            active++;
         }
         if (!active) return;
         batch_call(b, SLT_K_SITE, active);
-        for (uint32_t i = 0; i < active; i++) root_take(&items[(uint32_t)order[i]], batch_get(b, SLT_OUT_G, 0, i));
         n = active;
+        b->fill->roots_take(r, n, batch_out(b, SLT_OUT_G, 0), b->f64);
     }
 }
 

@@ -6,6 +6,7 @@
 #include "runtime/sample/batch.h"
 
 enum { FIND = BATCH / 2 }; /* segments of a batch: two samples each */
+static_assert((int)FIND <= (int)ROOTS, "each may have a root");
 
 /* What is known of a point. */
 typedef struct Mark {
@@ -116,6 +117,7 @@ struct Finder {
     void (*silent_full)(void *user, Crossing *c, uint32_t n);
     struct Item *items; /* of the batch in hand: search.h */
     uint64_t *order;
+    Roots *roots;                                            /* of those items whose roots are looked for */
     uint64_t crossings, segments, dropped[SLT_DROP_REASONS]; /* counts */
     SltPlace dropped_at[SLT_DROP_REASONS];                   /* the least of those places */
     Sizes kept, gone;  /* of the crossings that have a weight, and of those that were dropped for the want of one */

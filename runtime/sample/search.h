@@ -20,7 +20,6 @@ typedef struct Item {
     double ga, gb;     /* g at ta and tb */
     double x1, x2, x3; /* x1 is the newest point, [x1, x2] (or [x2, x1]) the bracket, x3 the point before */
     double f1, f2, f3; /* g at these */
-    double next;       /* the point to be evaluated */
     uint32_t left;     /* evaluations before bisection takes over for good */
     bool exact;        /* g was exactly zero at x1 */
 } Item;

@@ -267,6 +267,106 @@ static void check_residuals(const Fill *f) {
 }
 static void test_residuals(void **unused) { (void)unused, for_all(check_residuals); }
 
+/* ---- roots: Chandrupatla's method one bracket at a time */
+typedef struct Bracket {
+    double x1, x2, x3, f1, f2, f3, tol, next;
+    uint32_t left;
+    bool exact;
+} Bracket;
+
+static double fraction(const Bracket *k, double width) {
+    const double least = 0.75 * k->tol / width;
+    if (least >= 0.5 || width > ldexp(1, k->left < 1023 ? (int)k->left : 1023) * k->tol) return 0.5;
+    if (isinf(k->f1) || isinf(k->f2)) return 0.5;
+    double t = 0.5;
+    if (k->x3 == k->x2 || k->f3 == k->f2) {
+        t = k->f1 / (k->f1 - k->f2);
+    } else {
+        double xi = (k->x1 - k->x2) / (k->x3 - k->x2), phi = (k->f1 - k->f2) / (k->f3 - k->f2);
+        if (phi * phi < xi && (1 - phi) * (1 - phi) < 1 - xi)
+            t = k->f1 / (k->f2 - k->f1) * k->f3 / (k->f2 - k->f3) +
+                (k->x3 - k->x1) / (k->x2 - k->x1) * k->f1 / (k->f3 - k->f1) * k->f2 / (k->f3 - k->f2);
+    }
+    if (!isfinite(t)) t = 0.5;
+    return t < least ? least : t > 1 - least ? 1 - least : t;
+}
+
+static bool step_bracket(Bracket *k) {
+    const double width = fabs(k->x2 - k->x1);
+    if (k->exact || width <= k->tol || !k->left) return false;
+    k->next = k->x1 + fraction(k, width) * (k->x2 - k->x1);
+    if (k->next == k->x1 || k->next == k->x2) return false;
+    k->left--;
+    return true;
+}
+
+static void take_bracket(Bracket *k, double g) {
+    if (g == 0) {
+        k->x1 = k->next, k->f1 = 0, k->exact = true;
+        return;
+    }
+    if ((g < 0) == (k->f1 < 0)) k->x3 = k->x1, k->f3 = k->f1;
+    else k->x3 = k->x2, k->f3 = k->f2, k->x2 = k->x1, k->f2 = k->f1;
+    k->x1 = k->next, k->f1 = g;
+}
+
+/* Of straight, bent, flat and endless g, and of those that are 0 or NaN somewhere. */
+static double g_of(uint32_t kind, double x) {
+    switch (kind % 6) {
+    case 0: return x - 0.3;
+    case 1: return x * x * x - 0.1;
+    case 2: return pow(x - 0.5, 5);
+    case 3: return x < 0.4 ? -HUGE_VAL : x - 0.4;
+    case 4: return x < 0.25 ? -1 : x < 0.6 ? 0 : 1;
+    default: return x > 0.2 && x < 0.5 ? NAN : x - 0.35;
+    }
+}
+
+static void check_roots(const Fill *f) {
+    enum { MOST = 21 };
+    static Roots r;
+    for (uint32_t round = 0; round < 300; round++) {
+        const uint32_t n = 1 + word() % MOST;
+        const bool f64 = round & 1;
+        Bracket want[MOST];
+        bool going = true;
+        for (uint32_t i = 0; i < n; i++) {
+            const double a = 0.1 * rng_unit(word()), b = 1 - 0.1 * rng_unit(word());
+            Bracket *k = &want[i];
+            *k = (Bracket){.x1 = a, .x2 = b, .x3 = b, .f1 = g_of(i, a), .f2 = g_of(i, b), .f3 = g_of(i, b)};
+            k->tol = ldexp(1, -(int)(word() % 40)), k->left = word() % 60, k->exact = word() % 8 == 0;
+            r.x1[i] = k->x1, r.x2[i] = k->x2, r.x3[i] = k->x3, r.f1[i] = k->f1, r.f2[i] = k->f2, r.f3[i] = k->f3;
+            r.tol[i] = k->tol, r.left[i] = k->left, r.exact[i] = -(int64_t)k->exact;
+        }
+        for (uint32_t steps = 0; going; steps++) {
+            double g[MOST + FILL_OVER] = {0};
+            float narrow[MOST + FILL_OVER] = {0};
+            bool go[MOST];
+            going = false;
+            assert_true(steps < 100);
+            f->roots_step(&r, n);
+            for (uint32_t i = 0; i < n; i++) {
+                go[i] = step_bracket(&want[i]), going |= go[i];
+                assert_int_equal(r.go[i], -(int64_t)go[i]);
+                if (go[i]) assert_true(r.next[i] == want[i].next);
+                else want[i].next = r.next[i]; /* what is done is taken, too, here: its answer does not matter */
+                g[i] = f64 ? g_of(i, want[i].next) : (double)(float)g_of(i, want[i].next), narrow[i] = (float)g[i];
+            }
+            f->roots_take(&r, n, f64 ? (const void *)g : narrow, f64);
+            for (uint32_t i = 0; i < n; i++) {
+                Bracket *k = &want[i];
+                take_bracket(k, g[i]);
+                assert_true(r.x1[i] == k->x1 && r.x2[i] == k->x2 && r.x3[i] == k->x3);
+                assert_memory_equal(&r.f1[i], &k->f1, sizeof k->f1),
+                    assert_memory_equal(&r.f2[i], &k->f2, sizeof k->f2);
+                assert_memory_equal(&r.f3[i], &k->f3, sizeof k->f3);
+                assert_true(r.left[i] == k->left && r.exact[i] == -(int64_t)k->exact);
+            }
+        }
+    }
+}
+static void test_roots(void **unused) { (void)unused, for_all(check_roots); }
+
 /* Of an image that is the same everywhere no image is needed: not a bit is another. */
 static void test_gather(void **unused) {
     (void)unused;
@@ -315,10 +415,10 @@ static void test_gaussian(void **unused) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_blocks), cmocka_unit_test(test_streams),
-                                       cmocka_unit_test(test_spread), cmocka_unit_test(test_sums),
-                                       cmocka_unit_test(test_walks),  cmocka_unit_test(test_integrals),
-                                       cmocka_unit_test(test_zeros),  cmocka_unit_test(test_residuals),
-                                       cmocka_unit_test(test_gather), cmocka_unit_test(test_gaussian)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_blocks), cmocka_unit_test(test_streams),   cmocka_unit_test(test_spread),
+        cmocka_unit_test(test_sums),   cmocka_unit_test(test_walks),     cmocka_unit_test(test_integrals),
+        cmocka_unit_test(test_zeros),  cmocka_unit_test(test_residuals), cmocka_unit_test(test_roots),
+        cmocka_unit_test(test_gather), cmocka_unit_test(test_gaussian)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
