@@ -447,12 +447,9 @@ int cli_read_image(Cli *c, SltProgram *p, const char *path, bool resize, float *
         if (status != SLT_OK) return cli_fail(c, &err);
         root = sized;
     }
-    status = image_convert_channels(&root, (int)slt_channels(p), &fitted, &err);
-    image_free(&root);
+    status = image_take_channels(&root, (int)slt_channels(p), &fitted, &err);
     if (status != SLT_OK) return cli_fail(c, &err);
-    size_t n = (size_t)w * (size_t)h * slt_channels(p);
-    *out = cli_need(malloc(n * sizeof **out));
-    memcpy(*out, fitted.data, n * sizeof **out);
+    *out = fitted.data, fitted.data = NULL;
     image_free(&fitted);
     return SLT_OK;
 }

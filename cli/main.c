@@ -1,5 +1,6 @@
 /* The command: parses the line and runs its verb. */
 #include <stdlib.h>
+#include <malloc.h>
 #include <signal.h>
 #include <unistd.h>
 
@@ -16,7 +17,17 @@ static void on_abort(int sig) {
     _exit(opens ? SLT_LIMIT : SLT_INTERNAL);
 }
 
+/* Workers come and go several times a call. What they free stays ours: pages that go back to the system come as new
+ * ones, mapped and zeroed again. */
+static void keep_memory(void) {
+#if defined(__GLIBC__)
+    mallopt(M_MMAP_THRESHOLD, 32 << 20); /* the most that it takes */
+    mallopt(M_TRIM_THRESHOLD, 1 << 30);
+#endif
+}
+
 int main(int argc, char **argv) {
+    keep_memory();
     signal(SIGPIPE, SIG_IGN); /* a closed pipe is a failed write, reported as such */
     signal(SIGABRT, on_abort);
     signal(SIGXFSZ, SIG_IGN);    /* and so is a file beyond the system's limit */

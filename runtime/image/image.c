@@ -204,6 +204,19 @@ SltStatus image_convert_channels(const Image *im, int channels, Image *out, SltE
     return SLT_OK;
 }
 
+SltStatus image_take_channels(Image *im, int channels, Image *out, SltError *err) {
+    int src[4];
+    bool same = im->channels == channels && channels <= 4 && image_root_channels(im, src) == channels;
+    for (int c = 0; same && c < channels; c++) same = src[c] == c;
+    if (same) {
+        *out = *im, *im = (Image){0};
+        return SLT_OK;
+    }
+    SltStatus status = image_convert_channels(im, channels, out, err);
+    image_free(im);
+    return status;
+}
+
 /* One axis of a resize: for each output cell the first input cell and its weights. */
 typedef struct Taps {
     int *first, *count;

@@ -84,6 +84,9 @@ SltStatus image_extract_layer(const Image *im, const char *layer, Image *out, Sl
  * spread to colour, colour becomes luminance, a missing alpha is 1, channels beyond the root layer
  * are dropped. */
 SltStatus image_convert_channels(const Image *im, int channels, Image *out, SltError *err);
+/* The same of an image that is given away, which stays as it is where it has these channels in that order. It is freed
+ * where this fails, too. */
+SltStatus image_take_channels(Image *im, int channels, Image *out, SltError *err);
 
 /* Resizes: along each axis the mean over the covered area when it shrinks (sums are kept), bilinear
  * with clamped borders when it grows. NaN spreads to the pixels that use it. */

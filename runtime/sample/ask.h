@@ -4,6 +4,8 @@
 #ifndef SALTUS_SAMPLE_ASK_H
 #define SALTUS_SAMPLE_ASK_H
 
+#include <string.h>
+
 #include "runtime/sample/run.h"
 
 /* Of the edge that starts at a vertex; and at the first vertex of a line whether some edge of it has the bit. */
@@ -16,5 +18,21 @@ typedef struct AskTile {
 /* Fills w->ask for the edges along an axis; those whose depths differ by no more than the threshold are alike. A bit
  * that is set may be so in vain. */
 void ask_edges(Worker *w, const AskTile *t, uint32_t axis, double threshold);
+
+/* The first edge from v on, before `to`, that has the bit, of a line whose first vertex has ask[0]; else `to`. */
+static inline uint32_t ask_next(const uint8_t *ask, uint64_t stride, uint32_t v, uint32_t to, uint8_t bit) {
+    enum { WORD = 8 };
+    while (v < to) {
+        uint64_t word = 1;
+        if (stride == 1 && v + WORD <= to) memcpy(&word, ask + v, sizeof word);
+        if (!word) {
+            v += WORD;
+            continue;
+        }
+        if (ask[v * stride] & bit) break;
+        v++;
+    }
+    return v;
+}
 
 #endif

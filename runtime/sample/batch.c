@@ -26,7 +26,7 @@ static bool make_slots(Batch *b) {
             if (end > noutputs) noutputs = end;
         }
     }
-    b->reads = reads;
+    b->reads = reads, b->streams = reads >> SLT_IN_STREAM & 1 || reads >> SLT_IN_RAND0 & 1;
     assert(noutputs <= SLT_OUT_MAX);
     for (uint32_t i = 0; i < SLT_IN_VARYING; i++) ninputs += reads >> i & 1;
     const size_t slot = slot_bytes(b);
@@ -115,32 +115,15 @@ void batch_collect(Batch *b, SltStats *t) {
     memset(c, 0, sizeof b->args.counters);
 }
 
-void batch_set_x(Batch *b, uint32_t i, const double x[3]) {
-    for (uint32_t d = 0; d < b->s->dim; d++) batch_set(b, SLT_IN_X0 + d, i, x[d]);
-    if (b->pixels) {
-        batch_set_int(b, SLT_IN_PIXEL0, i, (int32_t)grid_cell(b->grid, 0, x[0]));
-        batch_set_int(b, SLT_IN_PIXEL1, i,
-                      b->s->dim > 1 ? (int32_t)(b->grid->n[1] - 1 - grid_cell(b->grid, 1, x[1])) : 0);
-    }
-}
-
-void batch_set_event(Batch *b, uint32_t i, const Event *e) {
-    uint32_t depth = scene_outputs(b->s, SLT_K_EVENT, SLT_OUT_K);
-    for (uint32_t d = 0; d < depth; d++) batch_set_int(b, SLT_IN_K0 + d, i, e->k[d]);
-    if (scene_outputs(b->s, SLT_K_EVENT, SLT_OUT_BOUNDARY)) batch_set(b, SLT_IN_BOUNDARY, i, e->boundary);
-    for (uint32_t end = 0; end < scene_outputs(b->s, SLT_K_EVENT, SLT_OUT_WINDOW); end++)
-        batch_set(b, SLT_IN_WINDOW0 + end, i, e->window[end]);
+void batch_set_pixel(Batch *b, uint32_t i, const double x[3]) {
+    batch_set_int(b, SLT_IN_PIXEL0, i, (int32_t)grid_cell(b->grid, 0, x[0]));
+    batch_set_int(b, SLT_IN_PIXEL1, i, b->s->dim > 1 ? (int32_t)(b->grid->n[1] - 1 - grid_cell(b->grid, 1, x[1])) : 0);
 }
 
 void batch_read_line(const Batch *b, uint32_t e, uint32_t i, Event *event) {
     event->line = scene_is_of_mesh(b->s, event->site);
     for (uint32_t end = 0; end < 2 && event->line; end++)
         event->window[end] = batch_get(b, SLT_OUT_OPEN_LINE, 2 * e + end, i);
-}
-
-void batch_set_stream(Batch *b, uint32_t i, int32_t stream, double rand0) {
-    batch_set_int(b, SLT_IN_STREAM, i, stream);
-    batch_set(b, SLT_IN_RAND0, i, rand0 < 0x1.fffffep-1 ? rand0 : 0x1.fffffep-1);
 }
 
 /* Samples n .. end - 1 of every input that the kernel reads. */

@@ -16,6 +16,7 @@ typedef struct Batch {
     const SltScene *s;
     SltKernelArgs args;
     bool f64, pixels; /* pixels: some kernel asks for pixel(), and batch_set_x sets it */
+    bool streams;     /* some kernel reads random numbers, and batch_set_stream sets where they come from */
     const Grid *grid;
     const Fill *fill;
     uint64_t reads;          /* bit k: some kernel reads input k */
@@ -80,8 +81,13 @@ static inline bool batch_has(const Batch *b, SltRole role) { return b->layout->o
 static inline int32_t batch_open(const Batch *b, uint32_t i) {
     return batch_has(b, SLT_OUT_OPEN) ? batch_get_int(b, SLT_OUT_OPEN, 0, i) : 0;
 }
+/* The pixel that holds x. */
+void batch_set_pixel(Batch *b, uint32_t i, const double x[3]);
 /* The position of sample i, and the pixel that holds it where the kernels ask for pixel(). */
-void batch_set_x(Batch *b, uint32_t i, const double x[3]);
+static inline void batch_set_x(Batch *b, uint32_t i, const double x[3]) {
+    for (uint32_t d = 0; d < b->s->dim; d++) batch_set(b, SLT_IN_X0 + d, i, x[d]);
+    if (b->pixels) batch_set_pixel(b, i, x);
+}
 /* A site with the indices of the loops around it: what a site kernel must know besides the point. */
 typedef struct Event {
     int32_t site, k[SLT_MAX_K]; /* k: loop indices, outermost first */
@@ -97,9 +103,19 @@ static inline bool event_same(const Event *e, const Event *f) {
 /* Of event e that `bounds` names of box i: the line of a mesh that it is, if it is one. */
 void batch_read_line(const Batch *b, uint32_t e, uint32_t i, Event *event);
 /* All of the event but its site, which is args.site for all samples. */
-void batch_set_event(Batch *b, uint32_t i, const Event *e);
+static inline void batch_set_event(Batch *b, uint32_t i, const Event *e) {
+    const uint32_t depth = scene_outputs(b->s, SLT_K_EVENT, SLT_OUT_K),
+                   windows = scene_outputs(b->s, SLT_K_EVENT, SLT_OUT_WINDOW);
+    for (uint32_t d = 0; d < depth; d++) batch_set_int(b, SLT_IN_K0 + d, i, e->k[d]);
+    if (scene_outputs(b->s, SLT_K_EVENT, SLT_OUT_BOUNDARY)) batch_set(b, SLT_IN_BOUNDARY, i, e->boundary);
+    for (uint32_t end = 0; end < windows; end++) batch_set(b, SLT_IN_WINDOW0 + end, i, e->window[end]);
+}
 /* rand0: number 0 of the stream, in [0, 1); rounding to the program's precision keeps it below 1. */
-void batch_set_stream(Batch *b, uint32_t i, int32_t stream, double rand0);
+static inline void batch_set_stream(Batch *b, uint32_t i, int32_t stream, double rand0) {
+    if (!b->streams) return;
+    batch_set_int(b, SLT_IN_STREAM, i, stream);
+    batch_set(b, SLT_IN_RAND0, i, rand0 < 0x1.fffffep-1 ? rand0 : 0x1.fffffep-1);
+}
 /* Calls a kernel on samples 0 .. n-1 of the inputs; those up to the next multiple of SLT_PAD become copies of sample
  * n-1 (with zero seeds). */
 void batch_call(Batch *b, SltKernelKind kind, uint32_t n);

@@ -26,7 +26,7 @@ void boundary_bind(Boundary *y, Worker *w, SinkKind kind) {
     w->finder.pairs = y->run->grid.integral && !y->windows;
     w->sink.kind = kind, w->sink.adjoint = y->adjoint, w->sink.classes = y->classes, w->sink.dirs = y->dirs;
     w->sink.any_sign = y->any_sign, w->sink.met = y->run->met;
-    w->sink.noise[0] = y->noise[0], w->sink.noise[1] = y->noise[1];
+    w->sink.noise[0] = y->noise[0], w->sink.noise[1] = y->noise[1], w->sink.least = y->least;
     w->sink.misses = kind == SINK_INTEGRAL || (kind == SINK_REVERSE && y->misses);
 }
 

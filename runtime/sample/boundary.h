@@ -28,6 +28,7 @@ typedef struct Boundary {
     const Directions *dirs; /* SINK_FORWARD */
     uint32_t classes;       /* SINK_REVERSE: 1, or COSETS */
     const float *noise[2];  /* SINK_REVERSE: see Sink; NULL: none */
+    float least;            /* likewise */
     Parts *parts;           /* SINK_REVERSE: what tiles err by; may be NULL */
     PartsOf parts_of;
     bool misses;            /* SINK_REVERSE: after those a target for what is missed (thin.h) */

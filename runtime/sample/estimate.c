@@ -11,6 +11,7 @@
 #include "runtime/sample/chance.h"
 #include "runtime/sample/derived.h"
 #include "runtime/sample/depth.h"
+#include "runtime/sample/fill.h"
 #include "runtime/sample/interior.h"
 #include "runtime/sample/onesided.h"
 #include "runtime/sample/search.h"
@@ -183,24 +184,32 @@ static void mask_inactive(const SltScene *s, double *v) {
     for (uint32_t p = 0; p < s->nfloats; p++) v[p] = s->active[p] ? v[p] : 0;
 }
 
-/* How far the mean of two adjoints is off. */
-static float *noise_of(const float *const adjoint[2], uint64_t n) {
-    float *noise = malloc(n * sizeof *noise);
-    for (uint64_t i = 0; i < n && noise; i++) noise[i] = 0.5f * (adjoint[0][i] - adjoint[1][i]);
-    return noise;
+/* Into to[0] the mean of two adjoints, into to[1] how far it is off. They may be the same images. */
+static void mean_and_noise(const float *const adjoint[2], uint64_t n, float *const to[2]) {
+    for (uint64_t i = 0; i < n; i++) {
+        const float a = adjoint[0][i], b = adjoint[1][i];
+        to[0][i] = 0.5f * (a + b), to[1][i] = 0.5f * (a - b);
+    }
 }
 
+enum { LOSS_ROW = 4096 /* numbers that are summed before they join the sum */ };
 enum { OF_POINTS = 8 /* samples for each point of chance.c, which is asked four times */ };
 
-/* least: what an adjoint is off at least for a jump of 1, or NULL. loss: likewise; or what makes the adjoint. */
-static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const adjoint[2], const float *least,
-                         const PixelLoss *loss, double *gradient, double *stderr_bound, SltStats *stats,
-                         SltError *err) {
+/* What only a loss knows. */
+typedef struct OfLoss {
+    float *const *spare;    /* two images that may be overwritten once the adjoints have served, which these may be */
+    const float *least;     /* NULL, or what an adjoint is off at least for a jump of 1, */
+    float least_all;        /* where it is the same everywhere; 0: not known */
+    const PixelLoss *pixel; /* NULL, or what makes the adjoint */
+} OfLoss;
+
+static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const adjoint[2], const OfLoss *loss,
+                         double *gradient, double *stderr_bound, SltStats *stats, SltError *err) {
     bool halves = adjoint[0] != adjoint[1];
     Run r;
     uint32_t classes = stderr_bound && !is_told(s, j) ? COSETS : 1;
     double *part[COSETS] = {0}, *missed = NULL, *smooth = NULL; /* smooth: without the boundary term */
-    float *mean = NULL, *noise = NULL;
+    float *own[2] = {NULL, NULL}, *const *images = loss->spare ? loss->spare : own; /* mean and noise of the adjoints */
     uint8_t *starved = NULL;
     Boundary of = {0};
     Parts tiles = {0}, *parts = NULL;
@@ -216,10 +225,10 @@ static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const 
     for (uint32_t c = 0; c < classes && classes > 1; c++)
         memory &= (part[c] = alloc_zero(s->nfloats, sizeof **part)) != NULL;
     if (classes > 1) memory &= (missed = alloc_zero(s->nfloats, sizeof *missed)) != NULL;
-    if (halves && !j->no_boundary) memory &= (mean = malloc(size * sizeof *mean)) != NULL;
     if (classes > 1 && (halves || s->uses_rand) && s->nfloats <= PARTS_EVER)
         memory &= parts_init(&tiles, s, s->nfloats > PARTS_MOST || s->nderived), parts = &tiles;
-    if (parts && halves && !j->no_boundary) memory &= (noise = noise_of(adjoint, size)) != NULL;
+    for (uint32_t k = 0; k < 2 && halves && !loss->spare && !j->no_boundary; k++)
+        memory &= (own[k] = malloc(size * sizeof(float))) != NULL;
     if (classes > 1 && s->uses_rand)
         memory &= (smooth = alloc_zero(s->nfloats, sizeof *smooth)) && (starved = alloc_zero(s->nfloats, 1));
     memset(gradient, 0, s->nfloats * sizeof *gradient);
@@ -231,7 +240,7 @@ static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const 
         PartsOf parts_of = {.spread = halves ? 0 : classes, .pairs = halves ? classes : 0};
         double *targets[2 * COSETS];
         for (uint32_t c = 0; c < 2 * COSETS; c++) targets[c] = part[parts && halves ? 0 : c % classes];
-        st = interior_reverse(&r, adjoint, classes, targets, parts, parts ? parts_of : (PartsOf){0}, loss);
+        st = interior_reverse(&r, adjoint, classes, targets, parts, parts ? parts_of : (PartsOf){0}, loss->pixel);
         if (st == SLT_OK && parts && parts->whole && !parts_settle(parts, &parts_of, targets))
             st = status_fail(err, SLT_LIMIT, "out of memory");
     }
@@ -241,7 +250,8 @@ static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const 
     r.stats.seconds_interior = pool_now() - t, t = pool_now();
     r.pool.from = split, r.pool.to = 1;
     if (st == SLT_OK && !j->no_boundary) {
-        for (uint64_t i = 0; i < size && halves; i++) mean[i] = 0.5f * (adjoint[0][i] + adjoint[1][i]);
+        if (halves) mean_and_noise(adjoint, size, images);
+        const float *noise = parts && halves ? images[1] : NULL;
         /* On one line every crossing is exact: there is no spread to measure. */
         uint32_t own = s->dim == 1 && !s->uses_rand ? 1 : classes;
         bool apart = parts && s->uses_rand; /* of other lattices tiles are parts of one */
@@ -251,10 +261,11 @@ static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const 
         targets[own] = missed;
         Boundary y = {.run = &r,
                       .segments = segments_of(j),
-                      .adjoint = halves ? mean : adjoint[0],
+                      .adjoint = halves ? images[0] : adjoint[0],
                       .classes = own,
                       .misses = classes > 1,
-                      .noise = {noise, least},
+                      .noise = {noise, loss->least},
+                      .least = loss->least_all,
                       .parts = parts,
                       .parts_of = {.spread = apart ? own : 0, .noise = noise ? own + 1 : 0},
                       .targets = targets};
@@ -282,13 +293,13 @@ static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const 
     r.stats.seconds_boundary = pool_now() - t;
     mask_inactive(s, gradient), mask_inactive(s, stderr_bound);
     for (uint32_t c = 0; c < classes && classes > 1; c++) free(part[c]);
-    free(mean), free(noise), free(missed), free(smooth), free(starved), parts_free(&tiles);
+    free(own[0]), free(own[1]), free(missed), free(smooth), free(starved), parts_free(&tiles);
     run_forget_few(&r);
     run_end(&r, stats);
     return st;
 }
 
-static SltStatus weighted(const SltScene *s, const SltJob *j, const float *const adjoint[2], const float *least,
+static SltStatus weighted(const SltScene *s, const SltJob *j, const float *const adjoint[2], const OfLoss *loss,
                           double *gradient, double *stderr_bound, SltStats *stats, SltError *err) {
     SltStatus st = need_image(j, "the gradient of a weighted image", err);
     if (st != SLT_OK) return st;
@@ -298,12 +309,13 @@ static SltStatus weighted(const SltScene *s, const SltJob *j, const float *const
     j = settle(s, j, &own, stats);
     if (j->estimator == SLT_EST_QUADRATURE && adjoint[0] == adjoint[1])
         return quadrature_reverse(s, j, adjoint[0], gradient, stderr_bound, stats, err);
-    return reverse(s, j, adjoint, least, NULL, gradient, stderr_bound, stats, err);
+    return reverse(s, j, adjoint, loss, gradient, stderr_bound, stats, err);
 }
 
 SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *const adjoint[2], double *gradient,
                                double *stderr_bound, SltStats *stats, SltError *err) {
-    return weighted(s, j, adjoint, NULL, gradient, stderr_bound, stats, err);
+    const OfLoss none = {0};
+    return weighted(s, j, adjoint, &none, gradient, stderr_bound, stats, err);
 }
 
 /* Errors that too few samples or lines cannot tell. */
@@ -333,38 +345,39 @@ SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *tar
     for (uint32_t d = 0; d < s->dim; d++) pixels *= j->size[d];
     uint64_t n = pixels * s->channels;
     float *half[2] = {malloc(n * sizeof(float)), halves || once ? malloc(n * sizeof(float)) : NULL};
-    float *least = halves && gradient && stderr_bound ? malloc(n * sizeof *least) : NULL;
-    if (!half[0] || ((halves || once) && !half[1]) || (halves && gradient && stderr_bound && !least)) {
+    /* Halves may agree, and half a sample of a jump is lost all the same. */
+    const bool bounded = halves && gradient && stderr_bound;
+    float *least = bounded && mask ? malloc(n * sizeof *least) : NULL;
+    if (!half[0] || ((halves || once) && !half[1]) || (bounded && mask && !least)) {
         free(half[0]), free(half[1]), free(least);
         return status_fail(err, SLT_LIMIT, "out of memory");
     }
     if (once) {
         const PixelLoss of = {.target = target, .mask = mask, .image = half[0], .adjoint = half[1]};
         const float *adjoint[2] = {half[1], half[1]};
-        st = reverse(s, j, adjoint, NULL, &of, gradient, stderr_bound, stats, err);
+        st = reverse(s, j, adjoint, &(OfLoss){.pixel = &of}, gradient, stderr_bound, stats, err);
     } else {
         st = halves ? render_halves(s, j, half, stats, err) : slt_estimate_render(s, j, 0, half[0], stats, err);
     }
     if (st == SLT_OK) {
-        double sum = 0, row = 0;
-        for (uint64_t i = 0; i < n; i++) {
-            double m = mask ? (double)mask[i] : 1;
-            double a = (double)half[0][i] - (double)target[i], b = halves ? (double)half[1][i] - (double)target[i] : a;
-            if (image) image[i] = halves ? (float)(0.5 * ((double)half[0][i] + (double)half[1][i])) : half[0][i];
-            row += m * a * b;
-            if (i % 4096 == 4095) sum += row, row = 0;
-            /* Each half is weighed with the other's residual. */
-            half[0][i] = pixel_loss_adjoint(b, m, (double)n);
-            if (halves) half[1][i] = pixel_loss_adjoint(a, m, (double)n);
-            /* Halves may agree, and half a sample of a jump is lost all the same. */
-            if (least) least[i] = (float)(m / (double)n / j->spp);
+        double sum = 0;
+        for (uint64_t i = 0; i < n && image; i++)
+            image[i] = halves ? (float)(0.5 * ((double)half[0][i] + (double)half[1][i])) : half[0][i];
+        for (uint64_t i = 0; i < n && least; i++) least[i] = (float)((double)mask[i] / (double)n / j->spp);
+        for (uint64_t i = 0; i < n; i += LOSS_ROW) {
+            const uint64_t row = n - i < LOSS_ROW ? n - i : LOSS_ROW;
+            sum += fill_best()->residuals(half[0] + i, halves ? half[1] + i : NULL, target + i, mask ? mask + i : NULL,
+                                          row, (double)n);
         }
-        if (loss) *loss = (sum + row) / (double)n;
+        if (loss) *loss = sum / (double)n;
     }
     const float *adjoint[2] = {half[0], halves ? half[1] : half[0]};
     if (st == SLT_OK && gradient && !once) {
         SltStats seen = stats ? *stats : (SltStats){0};
-        st = weighted(s, j, adjoint, least, gradient, stderr_bound, stats, err);
+        const OfLoss of = {.spare = halves ? half : NULL,
+                           .least = least,
+                           .least_all = bounded && !mask ? (float)(1 / (double)n / j->spp) : 0};
+        st = weighted(s, j, adjoint, &of, gradient, stderr_bound, stats, err);
         if (stats) stats->truncated = seen.truncated, stats->asserts = seen.asserts; /* the same samples again */
         if (st == SLT_OK && !halves && !exact) unknown_errors(s, stderr_bound, s->nfloats, true);
     }

@@ -10,6 +10,7 @@
 
 #include "runtime/base/rng.h"
 #include "runtime/sample/grid.h"
+#include "runtime/sample/roots.h"
 
 enum { FILL_OVER = 16 };
 
@@ -41,6 +42,13 @@ typedef struct Fill {
     void (*sum_f64)(const double *f, uint32_t runs, const uint32_t *count, double *to, uint32_t stride);
     /* to[n] = sum[n] / count */
     void (*mean)(const double *sum, uint64_t n, uint32_t count, float *to);
+    /* The sum of m a b in order, of residuals a and b of the halves of an image, and in place of each half
+     * 2 m / numbers times the other's residual; half[1] NULL: of one image, with itself. mask m: NULL: 1. */
+    double (*residuals)(float *half0, float *half1, const float *target, const float *mask, uint64_t n, double numbers);
+    /* roots.h: prepares the next evaluation of brackets 0 .. n - 1; takes g at `next`, doubles or floats, of which as
+     * many more are read as fill a vector. */
+    void (*roots_step)(Roots *r, uint32_t n);
+    void (*roots_take)(Roots *r, uint32_t n, const void *g, bool f64);
     /* How many bytes from v on are 0: all `bytes` of them, or of those before the first that is not whole 64 a time. */
     uint64_t (*zeros)(const void *v, uint64_t bytes);
 } Fill;

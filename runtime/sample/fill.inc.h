@@ -249,6 +249,37 @@ static void mean(const double *sum, uint64_t n, uint32_t count, float *to) {
         for (uint64_t i = 0; i < n; i++) to[i] = (float)(sum[i] * part);
 }
 
+/* The adjoint of a mean square. The sum is a chain, so what can go side by side is a loop of its own. */
+#define RESIDUALS(name, weighed, halves)                                                                               \
+    static double name(float *restrict half0, float *restrict half1, const float *restrict target,                     \
+                       const float *restrict mask, uint64_t n, double numbers) {                                       \
+        double sum = 0;                                                                                                \
+        for (uint64_t i = 0; i < n; i++) {                                                                             \
+            const double m = weighed ? (double)mask[i] : 1, a = (double)half0[i] - (double)target[i],                  \
+                         b = halves ? (double)half1[i] - (double)target[i] : a;                                        \
+            sum += m * a * b;                                                                                          \
+        }                                                                                                              \
+        for (uint64_t i = 0; i < n; i++) {                                                                             \
+            const double m = weighed ? (double)mask[i] : 1, a = (double)half0[i] - (double)target[i],                  \
+                         b = halves ? (double)half1[i] - (double)target[i] : a;                                        \
+            half0[i] = (float)(2 * m * b / numbers);                                                                   \
+            if (halves) half1[i] = (float)(2 * m * a / numbers);                                                       \
+        }                                                                                                              \
+        return sum;                                                                                                    \
+    }
+RESIDUALS(residuals_of_halves, false, true)
+RESIDUALS(residuals_of_masked_halves, true, true)
+RESIDUALS(residuals_of_one, false, false)
+RESIDUALS(residuals_of_masked, true, false)
+
+static double residuals(float *half0, float *half1, const float *target, const float *mask, uint64_t n,
+                        double numbers) {
+    if (half1) return (mask ? residuals_of_masked_halves : residuals_of_halves)(half0, half1, target, mask, n, numbers);
+    return (mask ? residuals_of_masked : residuals_of_one)(half0, half1, target, mask, n, numbers);
+}
+
+#include "runtime/sample/roots.inc.h"
+
 static uint64_t zeros(const void *v, uint64_t bytes) {
     enum { LINE = 64, LONG = 8 * LINE };
     const unsigned char *from = v;

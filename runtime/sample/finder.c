@@ -25,12 +25,13 @@ bool finder_init(Finder *f, Batch *b) {
     f->found = malloc(BATCH * sizeof *f->found);
     f->items = malloc(FIND * sizeof(Item));
     f->order = malloc(BATCH * sizeof *f->order);
-    return f->stack && f->split && f->still && f->found && f->items && f->order;
+    f->roots = calloc(1, sizeof *f->roots); /* whole vectors are read */
+    return f->stack && f->split && f->still && f->found && f->items && f->order && f->roots;
 }
 
 void finder_free(Finder *f) {
     free(f->alike), free(f->silent), free(f->stack), free(f->sorted), free(f->keys), free(f->split), free(f->still),
-        free(f->found), free(f->items), free(f->order);
+        free(f->found), free(f->items), free(f->order), free(f->roots);
     memset(f, 0, sizeof *f);
 }
 
@@ -76,32 +77,20 @@ void sort_keys(uint64_t *v, uint32_t n) {
         }
 }
 
-/* Exact at both ends, and constant along an axis where a and b agree. */
-void segment_at(const Segment *s, double t, double x[3]) {
-    for (int d = 0; d < 3; d++) x[d] = s->a[d] == s->b[d] ? s->a[d] : (1 - t) * s->a[d] + t * s->b[d];
-}
-
-void search_put(Finder *f, uint32_t lane, const Segment *s, double t) {
-    double x[3];
-    segment_at(s, t, x);
-    batch_set_x(f->b, lane, x);
-    batch_set_stream(f->b, lane, s->stream, s->rand0);
-}
-
 double search_least(const Finder *f, const Segment *s) {
     double len = 0, mag = 0;
     for (uint32_t d = 0; d < f->s->dim; d++) {
-        len = fmax(len, fabs(s->b[d] - s->a[d]));
-        mag = fmax(mag, fmax(fabs(s->a[d]), fabs(s->b[d])));
+        len = search_greater(len, fabs(s->b[d] - s->a[d]));
+        mag = search_greater(mag, search_greater(fabs(s->a[d]), fabs(s->b[d])));
     }
     return 2 * (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len;
 }
 
 /* How near a root must be bracketed, in parts of the whole segment. */
-static double tolerance(const Finder *f, const Segment *s) {
-    if (s->fine) return search_least(f, s);
+static double tolerance(const Finder *f, const Segment *s, double least) {
+    if (s->fine) return least;
     double usual = root_tolerance(f->coarse && s->state != SEARCH_FRESH);
-    return fmax(f->s->halvings ? ldexp(1, -(int)f->s->halvings) : usual, search_least(f, s));
+    return search_greater(f->s->halvings ? ldexp(1, -(int)f->s->halvings) : usual, least);
 }
 
 void finder_push(Finder *f, const Segment *s) {
@@ -167,18 +156,19 @@ void finder_drop_part(Finder *f, SltDrop reason, const Segment *s, int32_t site)
     drop(f, reason, s->owner, &at);
 }
 
-Mark batch_mark(const Batch *b, uint32_t i) {
-    Mark m = {.hash = (uint32_t)batch_get_int(b, SLT_OUT_HASH, 0, i)};
-    if (batch_has(b, SLT_OUT_DEPTH)) m.depth = batch_get(b, SLT_OUT_DEPTH, 0, i);
-    if (batch_has(b, SLT_OUT_FACE)) m.face = (uint32_t)batch_get_int(b, SLT_OUT_FACE, 0, i);
-    for (uint32_t k = 0; k < b->layout->out[SLT_OUT_WITNESS].count; k++)
-        m.witness[k] = batch_get_int(b, SLT_OUT_WITNESS, k, i);
-    return m;
-}
+/* What a part is that goes back on the stack, besides its ends. */
+typedef struct Part {
+    double cut; /* the t at which to bisect it; 0: in the middle */
+    SearchState state;
+    uint8_t touches;
+} Part;
 
-void search_push_cut(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b, SearchState state, double cut) {
-    if (!search_differ(a, b, s->threshold)) {
-        if (f->proves && tb > ta && s->halvings < search_most_halvings(f->s)) prove_add(f, s, ta, tb, a, b);
+static void push_part(Finder *f, const Segment *s, double ta, double tb, const Mark *a, const Mark *b, Part as) {
+    if (!search_differ(*a, *b, s->threshold)) {
+        if (!f->proves || !(tb > ta) || s->halvings >= search_most_halvings(f->s)) return;
+        Segment alike = *s;
+        alike.touches = as.touches;
+        prove_add(f, &alike, ta, tb, *a, *b);
         return;
     }
     if (!(tb > ta) || s->halvings >= search_most_halvings(f->s)) {
@@ -186,13 +176,14 @@ void search_push_cut(Finder *f, const Segment *s, double ta, double tb, Mark a, 
         return;
     }
     Segment part = *s;
-    part.ta = ta, part.tb = tb, part.ma = a, part.mb = b;
-    part.halvings++, part.state = (uint8_t)state, part.cut = cut, part.event_threshold = 0;
+    part.ta = ta, part.tb = tb, part.ma = *a, part.mb = *b;
+    part.halvings++, part.state = (uint8_t)as.state, part.cut = as.cut, part.event_threshold = 0;
+    part.touches = as.touches;
     finder_push(f, &part);
 }
 
 void search_push(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b, SearchState state) {
-    search_push_cut(f, s, ta, tb, a, b, state, 0);
+    push_part(f, s, ta, tb, &a, &b, (Part){.state = state, .touches = s->touches});
 }
 
 /* Room for n more crossings. `full` runs kernels in the same batch, so this is never called while outputs of a kernel
@@ -249,34 +240,6 @@ static void split(Finder *f, const Segment *s, double tol, SltDrop reason, int32
 /* ---- root of g on the bracket */
 static bool same_sign(double a, double b) { return (a < 0) == (b < 0); }
 
-/* The greatest for all n from 1023 on. ldexp is a call of the library. */
-static double power_of_two(uint32_t n) {
-    uint64_t bits = (uint64_t)(1023 + (n < 1023 ? n : 1023)) << 52;
-    double v;
-    memcpy(&v, &bits, sizeof v);
-    return v;
-}
-
-/* Where to look next in [x1, x2], as a fraction of the way from x1 to x2. */
-static double chandrupatla(const Item *it, double width) {
-    double least = 0.75 * it->tol / width;
-    if (least >= 0.5) return 0.5;
-    /* Once only bisection can still arrive in time, bisect. */
-    if (width > power_of_two(it->left) * it->tol) return 0.5;
-    double t = 0.5;
-    /* The window of a ray is empty at this end: g has a sign, but is no number to draw lines through. */
-    if (isinf(it->f1) || isinf(it->f2)) return t;
-    if (it->x3 == it->x2 || it->f3 == it->f2) {
-        t = it->f1 / (it->f1 - it->f2);
-    } else {
-        double xi = (it->x1 - it->x2) / (it->x3 - it->x2), phi = (it->f1 - it->f2) / (it->f3 - it->f2);
-        if (phi * phi < xi && (1 - phi) * (1 - phi) < 1 - xi)
-            t = it->f1 / (it->f2 - it->f1) * it->f3 / (it->f2 - it->f3) +
-                (it->x3 - it->x1) / (it->x2 - it->x1) * it->f1 / (it->f3 - it->f1) * it->f2 / (it->f3 - it->f2);
-    }
-    return search_clamp(isfinite(t) ? t : 0.5, least, 1 - least);
-}
-
 /* By how much, of itself, the slope of g may change between x1 and the root: more than this is asked for a root that is
  * nearer, as the slope is what the crossing weighs. Not of a g that jumps, whose root is anywhere in the bracket. */
 #define SLOPE_KEEPS 0x1p-26
@@ -289,30 +252,23 @@ static bool slope_changes(const Item *it) {
     return bend < SMOOTH * fabs(slope) && change > SLOPE_KEEPS * fabs(slope); /* NaN is not */
 }
 
-/* Prepares the next evaluation; false when the bracket is small enough. */
-static bool root_step(Item *it) {
-    double width = fabs(it->x2 - it->x1);
-    if (it->least > 0 && width <= it->tol && width > it->least && !it->exact && slope_changes(it)) {
-        it->tol = it->least, it->least = 0;
-        it->left = (uint32_t)ceil(log2(width / it->tol)) + 2;
-    }
-    if (it->exact || width <= it->tol || !it->left) return false;
-    double t = chandrupatla(it, width);
-    it->next = it->x1 + t * (it->x2 - it->x1);
-    if (it->next == it->x1 || it->next == it->x2) return false;
-    it->left--;
-    return true;
+/* Bisections that make a width the tolerance, and two: ceil(log2(width / tol)) + 2. */
+static uint32_t steps_to(double width, double tol) {
+    enum { MANTISSA = 52, BIAS = 1023, NEAR = 1 << 12 };
+    const double times = width / tol;
+    uint64_t bits;
+    memcpy(&bits, &times, sizeof bits);
+    /* The logarithm of what is little more than a power of two may be rounded to a whole number. */
+    if (times > 1 && (bits & ((1ull << MANTISSA) - 1)) > NEAR) return (uint32_t)(bits >> MANTISSA) - BIAS + 1 + 2;
+    return (uint32_t)ceil(log2(times)) + 2;
 }
 
-static void root_take(Item *it, double g) {
-    if (g == 0) {
-        it->x1 = it->next, it->f1 = 0, it->exact = true;
-        return;
-    }
-    /* A g of NaN counts as having the sign of the older end, so that the bracket still shrinks. */
-    if (same_sign(g, it->f1)) it->x3 = it->x1, it->f3 = it->f1;
-    else it->x3 = it->x2, it->f3 = it->f2, it->x2 = it->x1, it->f2 = it->f1;
-    it->x1 = it->next, it->f1 = g;
+/* In double precision a g that bends much is asked for a root that is nearer. */
+static void ask_nearer(Item *it) {
+    const double width = fabs(it->x2 - it->x1);
+    if (!(it->least > 0) || !(width <= it->tol) || !(width > it->least) || it->exact || !slope_changes(it)) return;
+    it->tol = it->least, it->least = 0;
+    it->left = steps_to(width, it->tol);
 }
 
 static void root_begin(Item *it) {
@@ -320,7 +276,7 @@ static void root_begin(Item *it) {
     it->x3 = it->x2, it->f3 = it->f2;
     it->exact = false;
     double width = it->s.tb - it->s.ta;
-    it->left = width > it->tol ? (uint32_t)ceil(log2(width / it->tol)) + 2 : 0;
+    it->left = width > it->tol ? steps_to(width, it->tol) : 0;
     if (it->ga == 0 || it->gb == 0) {
         it->exact = true;
         if (it->ga != 0) it->x1 = it->s.tb;
@@ -328,23 +284,50 @@ static void root_begin(Item *it) {
     }
 }
 
+static void load_root(Roots *r, uint32_t i, const Item *it) {
+    r->x1[i] = it->x1, r->x2[i] = it->x2, r->x3[i] = it->x3, r->f1[i] = it->f1, r->f2[i] = it->f2, r->f3[i] = it->f3;
+    r->tol[i] = it->tol, r->left[i] = it->left, r->exact[i] = -(int64_t)it->exact;
+}
+
+static void store_root(const Roots *r, uint32_t i, Item *it) {
+    it->x1 = r->x1[i], it->x2 = r->x2[i], it->x3 = r->x3[i], it->f1 = r->f1[i], it->f2 = r->f2[i], it->f3 = r->f3[i];
+    it->left = (uint32_t)r->left[i], it->exact = r->exact[i];
+}
+
+static void move_root(Roots *r, uint32_t to, uint32_t i) {
+    r->x1[to] = r->x1[i], r->x2[to] = r->x2[i], r->x3[to] = r->x3[i], r->f1[to] = r->f1[i], r->f2[to] = r->f2[i];
+    r->f3[to] = r->f3[i], r->tol[to] = r->tol[i], r->next[to] = r->next[i], r->left[to] = r->left[i];
+    r->exact[to] = r->exact[i];
+}
+
 /* Roots of the items order[0..n), all of one site. */
 static void solve_site(Finder *f, Item *items, uint64_t *order, uint32_t n) {
     Batch *b = f->b;
+    Roots *r = f->roots;
     b->args.site = items[(uint32_t)order[0]].event.site;
+    for (uint32_t i = 0; i < n; i++) load_root(r, i, &items[(uint32_t)order[i]]);
     for (;;) {
         uint32_t active = 0;
+        for (uint32_t i = 0; i < n && b->f64; i++) {
+            Item *it = &items[(uint32_t)order[i]];
+            store_root(r, i, it), ask_nearer(it), load_root(r, i, it);
+        }
+        b->fill->roots_step(r, n);
         for (uint32_t i = 0; i < n; i++) {
             Item *it = &items[(uint32_t)order[i]];
-            if (!root_step(it)) continue;
-            search_put(f, active, &it->s, it->next);
+            if (!r->go[i]) {
+                store_root(r, i, it);
+                continue;
+            }
+            search_put(f, active, &it->s, r->next[i]);
             batch_set_event(b, active, &it->event);
-            order[active++] = order[i];
+            if (active != i) move_root(r, active, i), order[active] = order[i];
+            active++;
         }
         if (!active) return;
         batch_call(b, SLT_K_SITE, active);
-        for (uint32_t i = 0; i < active; i++) root_take(&items[(uint32_t)order[i]], batch_get(b, SLT_OUT_G, 0, i));
         n = active;
+        b->fill->roots_take(r, n, batch_out(b, SLT_OUT_G, 0), b->f64);
     }
 }
 
@@ -368,14 +351,19 @@ static bool usable(const Finder *f, const Item *it) {
 static bool changes_sign(const Item *it) { return it->ga != 0 && it->gb != 0 && !same_sign(it->ga, it->gb); }
 
 /* The event of lane i, after a call of the event kernel. */
-static Event event_of(const Batch *b, uint32_t i) {
-    Event e = {.site = batch_get_int(b, SLT_OUT_SITE, 0, i)};
-    for (uint32_t d = 0; d < b->layout->out[SLT_OUT_K].count; d++) e.k[d] = batch_get_int(b, SLT_OUT_K, d, i);
-    if (batch_has(b, SLT_OUT_BOUNDARY)) e.boundary = batch_get(b, SLT_OUT_BOUNDARY, 0, i);
+static void take_event(const Batch *b, uint32_t i, Event *e) {
+    *e = (Event){.site = batch_get_int(b, SLT_OUT_SITE, 0, i)};
+    for (uint32_t d = 0; d < b->layout->out[SLT_OUT_K].count; d++) e->k[d] = batch_get_int(b, SLT_OUT_K, d, i);
+    if (batch_has(b, SLT_OUT_BOUNDARY)) e->boundary = batch_get(b, SLT_OUT_BOUNDARY, 0, i);
     for (uint32_t end = 0; end < b->layout->out[SLT_OUT_WINDOW].count; end++)
-        e.window[end] = batch_get(b, SLT_OUT_WINDOW, end, i);
-    e.line = scene_is_of_mesh(b->s, e.site);
-    return e;
+        e->window[end] = batch_get(b, SLT_OUT_WINDOW, end, i);
+    e->line = scene_is_of_mesh(b->s, e->site);
+}
+
+/* Items are long, and mostly stay where they are. */
+static void keep_item(Item *items, uint32_t *kept, uint32_t i) {
+    if (*kept != i) items[*kept] = items[i];
+    ++*kept;
 }
 
 /* Which event separates the ends of each item, and g there. Items with a root to look for move to the front; returns
@@ -396,29 +384,29 @@ static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
     batch_call(b, SLT_K_EVENT, 2 * n);
     uint32_t kept = 0;
     for (uint32_t i = 0; i < n; i++) {
-        Item it = items[i];
-        it.ga = batch_get(b, SLT_OUT_G, 0, 2 * i), it.gb = batch_get(b, SLT_OUT_G, 0, 2 * i + 1);
-        it.event = event_of(b, 2 * i);
-        if (it.event.site == -1 && search_differ_in_face(it.s.ma, it.s.mb, it.s.threshold)) continue;
-        if (it.event.site == -1 && it.s.ma.hash == it.s.mb.hash) it.s.state = SEARCH_DOUBT;
-        if (it.event.site < 0 || (uint32_t)it.event.site >= f->s->nsites) {
-            split(f, &it.s, it.tol, SLT_DROP_NO_EVENT, -1);
-        } else if (f->s->site_static && f->s->site_static[it.event.site]) {
-            finder_drop_part(f, SLT_DROP_STATIC, &it.s, it.event.site);
-        } else if (!usable(f, &it)) {
-            split(f, &it.s, it.tol, SLT_DROP_NOT_FINITE, it.event.site);
-        } else if (it.s.tb - it.s.ta <= it.tol && (window_site(f->s, it.event.site) || !changes_sign(&it))) {
+        Item *it = &items[i];
+        it->ga = batch_get(b, SLT_OUT_G, 0, 2 * i), it->gb = batch_get(b, SLT_OUT_G, 0, 2 * i + 1);
+        take_event(b, 2 * i, &it->event);
+        if (it->event.site == -1 && search_differ_in_face(it->s.ma, it->s.mb, it->s.threshold)) continue;
+        if (it->event.site == -1 && it->s.ma.hash == it->s.mb.hash) it->s.state = SEARCH_DOUBT;
+        if (it->event.site < 0 || (uint32_t)it->event.site >= f->s->nsites) {
+            split(f, &it->s, it->tol, SLT_DROP_NO_EVENT, -1);
+        } else if (f->s->site_static && f->s->site_static[it->event.site]) {
+            finder_drop_part(f, SLT_DROP_STATIC, &it->s, it->event.site);
+        } else if (!usable(f, it)) {
+            split(f, &it->s, it->tol, SLT_DROP_NOT_FINITE, it->event.site);
+        } else if (it->s.tb - it->s.ta <= it->tol && (window_site(f->s, it->event.site) || !changes_sign(it))) {
             /* The part is as short as can be: g is zero on it but for rounding, and if not, weigh in sink.c drops it.
              * It may be flat on a side. */
-            it.x1 = 0.5 * (it.s.ta + it.s.tb), it.exact = true, it.left = 0;
-            items[kept++] = it;
-        } else if ((it.ga == 0 && it.gb == 0) || (it.ga != 0 && it.gb != 0 && same_sign(it.ga, it.gb))) {
-            if (window_site(f->s, it.event.site)) window_cut_near_zero(f, &it);
-            split(f, &it.s, it.tol, SLT_DROP_NO_ROOT, it.event.site);
+            it->x1 = 0.5 * (it->s.ta + it->s.tb), it->exact = true, it->left = 0;
+            keep_item(items, &kept, i);
+        } else if ((it->ga == 0 && it->gb == 0) || (it->ga != 0 && it->gb != 0 && same_sign(it->ga, it->gb))) {
+            if (window_site(f->s, it->event.site)) window_cut_near_zero(f, it);
+            split(f, &it->s, it->tol, SLT_DROP_NO_ROOT, it->event.site);
         } else {
-            if (window_site(f->s, it.event.site)) it.pad = window_padding(f, &it.s, it.tol);
-            root_begin(&it);
-            items[kept++] = it;
+            if (window_site(f->s, it->event.site)) it->pad = window_padding(f, &it->s, it->tol);
+            root_begin(it);
+            keep_item(items, &kept, i);
         }
     }
     return kept;
@@ -426,13 +414,12 @@ static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
 
 void search_bracket(const Item *it, double *lo, double *hi) {
     double other = it->exact ? it->x1 : it->x2;
-    *lo = fmin(it->x1, other), *hi = fmax(it->x1, other);
+    *lo = search_lesser(it->x1, other), *hi = search_greater(it->x1, other);
     if (it->pad > 0) {
-        *lo = fmax(it->s.ta, *lo - it->pad), *hi = fmin(it->s.tb, *hi + it->pad);
+        *lo = search_greater(it->s.ta, *lo - it->pad), *hi = search_lesser(it->s.tb, *hi + it->pad);
     } else if (it->exact) {
         /* g is exactly zero at x1: a bracket of the tolerance around x1, inside the part. */
-        double from = fmax(it->s.ta, it->x1 - 0.5 * it->tol), to = fmin(it->s.tb, it->x1 + 0.5 * it->tol);
-        *lo = from, *hi = to;
+        *lo = search_greater(it->s.ta, it->x1 - 0.5 * it->tol), *hi = search_lesser(it->s.tb, it->x1 + 0.5 * it->tol);
     }
 }
 
@@ -444,14 +431,15 @@ static bool has_silent(Finder *f) {
 /* The crossing's place in `found`, or UINT32_MAX. */
 static uint32_t accept(Finder *f, const Item *it, double lo, double hi, Mark before, Mark after, uint32_t lane) {
     uint32_t channels = f->s->channels;
-    Crossing c;
-    memset(&c, 0, sizeof c);
+    assert(f->nfound < BATCH);
+    Crossing *c = &f->found[f->nfound];
     bool jumps = false, finite = true;
+    *c = (Crossing){.event = it->event};
     for (uint32_t i = 0; i < channels; i++) {
-        c.before[i] = batch_get(f->b, SLT_OUT_F, i, lane);
-        c.jump[i] = batch_get(f->b, SLT_OUT_F, i, lane + 1) - c.before[i];
-        jumps |= c.jump[i] != 0;
-        finite &= isfinite(c.jump[i]);
+        c->before[i] = batch_get(f->b, SLT_OUT_F, i, lane);
+        c->jump[i] = batch_get(f->b, SLT_OUT_F, i, lane + 1) - c->before[i];
+        jumps |= c->jump[i] != 0;
+        finite &= isfinite(c->jump[i]);
     }
     f->crossings++;
     if (!finite) {
@@ -463,37 +451,34 @@ static uint32_t accept(Finder *f, const Item *it, double lo, double hi, Mark bef
     bool tied = f->tied && f->tied[it->event.site],
          several = f->ties && before.hash != after.hash && !search_has_depth(f->s); /* decisions, may be */
     if (!jumps && !((tied || several) && has_silent(f))) return UINT32_MAX;
-    c.t = it->x1;
+    c->t = it->x1;
     double slack = 0; /* by how much rounding of g widens the bracket, in parts of the segment */
     if (it->exact && it->s.tb - it->s.ta <= it->tol) {
-        c.ga = it->ga, c.gb = it->gb;
+        c->ga = it->ga, c->gb = it->gb;
         if (window_site(f->s, it->event.site)) slack = 2 * window_padding(f, &it->s, it->tol);
     } else if (!it->exact) {
         /* The secant's zero inside the final bracket is much closer to the root than the bracket's ends. */
         double t = it->x1 + (it->x2 - it->x1) * (it->f1 / (it->f1 - it->f2));
-        c.t = t >= lo && t <= hi ? t : 0.5 * (lo + hi); /* also where an end of g is infinite */
-        c.ga = it->f1, c.gb = it->f2;
+        c->t = t >= lo && t <= hi ? t : 0.5 * (lo + hi); /* also where an end of g is infinite */
+        c->ga = it->f1, c->gb = it->f2;
     }
-    segment_at(&it->s, c.t, c.x), segment_at(&it->s, lo, c.side[0]), segment_at(&it->s, hi, c.side[1]);
+    segment_at(&it->s, c->t, c->x), segment_at(&it->s, lo, c->side[0]), segment_at(&it->s, hi, c->side[1]);
     double len = 0;
     for (uint32_t d = 0; d < f->s->dim; d++) {
-        c.direction[d] = it->s.b[d] - it->s.a[d];
-        len += c.direction[d] * c.direction[d];
+        c->direction[d] = it->s.b[d] - it->s.a[d];
+        len += c->direction[d] * c->direction[d];
     }
-    c.bracket = sqrt(len) * (hi - lo + slack);
-    c.rising = it->ga < it->gb ? 1 : -1;
-    c.base = it->s.base, c.rand0 = it->s.rand0, c.stream = it->s.stream, c.axis = it->s.axis, c.cls = it->s.cls;
-    c.owner = it->s.owner;
-    c.event = it->event;
-    c.ha = before.hash, c.hb = after.hash, c.edge = it->s.edge, c.thin = it->s.thin, c.line = it->s.line;
+    c->bracket = sqrt(len) * (hi - lo + slack);
+    c->rising = it->ga < it->gb ? 1 : -1;
+    c->base = it->s.base, c->rand0 = it->s.rand0, c->stream = it->s.stream, c->axis = it->s.axis, c->cls = it->s.cls;
+    c->owner = it->s.owner;
+    c->ha = before.hash, c->hb = after.hash, c->edge = it->s.edge, c->thin = it->s.thin, c->line = it->s.line;
     if (!jumps) {
         assert(f->nsilent < BATCH);
-        c.silent = true;
-        f->silent[f->nsilent++] = c;
+        c->silent = true;
+        f->silent[f->nsilent++] = *c;
         return UINT32_MAX;
     }
-    assert(f->nfound < BATCH);
-    f->found[f->nfound] = c;
     return f->nfound++;
 }
 
@@ -513,19 +498,18 @@ static bool may_hold_band(const Finder *f, const Item *it, double width, uint32_
 static void verify(Finder *f, Item *items, uint32_t n) {
     Batch *b = f->b;
     found_reserve(f, n);
+    double low[FIND], high[FIND];
     for (uint32_t i = 0; i < n; i++) {
-        double lo, hi;
-        search_bracket(&items[i], &lo, &hi);
-        search_put(f, 2 * i, &items[i].s, lo);
-        search_put(f, 2 * i + 1, &items[i].s, hi);
+        search_bracket(&items[i], &low[i], &high[i]);
+        search_put(f, 2 * i, &items[i].s, low[i]);
+        search_put(f, 2 * i + 1, &items[i].s, high[i]);
     }
     batch_call(b, SLT_K_SIDES, 2 * n);
     uint32_t slot[FIND];
     for (uint32_t i = 0; i < n; i++) {
         Item *it = &items[i];
-        double lo, hi;
+        const double lo = low[i], hi = high[i];
         slot[i] = UINT32_MAX;
-        search_bracket(it, &lo, &hi);
         Mark before = batch_mark(b, 2 * i), after = batch_mark(b, 2 * i + 1);
         bool window = window_site(f->s, it->event.site),
              jumped = search_differ(before, after, BRACKET_JUMP * it->s.threshold);
@@ -549,11 +533,12 @@ static void verify(Finder *f, Item *items, uint32_t n) {
                             : flat ? SEARCH_FLAT
                                    : SEARCH_ROOT;
         double near = window && !jumped && it->s.state == SEARCH_ROOT ? NEAR_PADS * it->pad : 0;
-        Segment beside = it->s;
-        if (jumped) beside.touches = (uint8_t)(TOUCH_A | (it->s.touches & TOUCH_B));
-        search_push_cut(f, &beside, hi, it->s.tb, after, it->s.mb, behind, near > 0 ? hi + near : 0);
-        if (jumped) beside.touches = (uint8_t)(TOUCH_B | (it->s.touches & TOUCH_A));
-        search_push_cut(f, &beside, it->s.ta, lo, it->s.ma, before, front, near > 0 ? lo - near : 0);
+        Part part = {near > 0 ? hi + near : 0, behind, it->s.touches};
+        if (jumped) part.touches = (uint8_t)(TOUCH_A | (it->s.touches & TOUCH_B));
+        push_part(f, &it->s, hi, it->s.tb, &after, &it->s.mb, part);
+        part = (Part){near > 0 ? lo - near : 0, front, part.touches};
+        if (jumped) part.touches = (uint8_t)(TOUCH_B | (it->s.touches & TOUCH_A));
+        push_part(f, &it->s, it->s.ta, lo, &it->s.ma, &before, part);
     }
     if (!f->s->flat && !search_has_windows(f->s)) flank_settle(f, items, slot, n);
 }
@@ -584,8 +569,9 @@ static void run_stack(Finder *f, bool all) {
         uint32_t n = f->n < FIND ? f->n : FIND;
         for (uint32_t i = 0; i < n; i++) {
             items[i].s = f->stack[f->n - n + i];
-            items[i].tol = tolerance(f, &items[i].s);
-            items[i].least = f->s->f64 ? fmin(items[i].tol, search_least(f, &items[i].s)) : 0;
+            const double least = search_least(f, &items[i].s);
+            items[i].tol = tolerance(f, &items[i].s, least);
+            items[i].least = f->s->f64 ? search_lesser(items[i].tol, least) : 0;
             items[i].pad = 0;
         }
         f->n -= n;

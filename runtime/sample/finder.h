@@ -6,6 +6,7 @@
 #include "runtime/sample/batch.h"
 
 enum { FIND = BATCH / 2 }; /* segments of a batch: two samples each */
+static_assert((int)FIND <= (int)ROOTS, "each may have a root");
 
 /* What is known of a point. */
 typedef struct Mark {
@@ -15,7 +16,14 @@ typedef struct Mark {
     int32_t witness[SLT_WITNESSES]; /* what its first rays met; 0: not known */
 } Mark;
 /* The mark of sample i, after a call of the region or sides kernel. */
-Mark batch_mark(const Batch *b, uint32_t i);
+static inline Mark batch_mark(const Batch *b, uint32_t i) {
+    Mark m = {.hash = (uint32_t)batch_get_int(b, SLT_OUT_HASH, 0, i)};
+    if (batch_has(b, SLT_OUT_DEPTH)) m.depth = batch_get(b, SLT_OUT_DEPTH, 0, i);
+    if (batch_has(b, SLT_OUT_FACE)) m.face = (uint32_t)batch_get_int(b, SLT_OUT_FACE, 0, i);
+    for (uint32_t k = 0; k < b->layout->out[SLT_OUT_WITNESS].count; k++)
+        m.witness[k] = batch_get_int(b, SLT_OUT_WITNESS, k, i);
+    return m;
+}
 
 /* What is to be done with a part of a segment. All but the first and the last are for scenes with rays: window.c. The
  * order of the first three is that of tries. */
@@ -109,6 +117,7 @@ struct Finder {
     void (*silent_full)(void *user, Crossing *c, uint32_t n);
     struct Item *items; /* of the batch in hand: search.h */
     uint64_t *order;
+    Roots *roots;                                            /* of those items whose roots are looked for */
     uint64_t crossings, segments, dropped[SLT_DROP_REASONS]; /* counts */
     SltPlace dropped_at[SLT_DROP_REASONS];                   /* the least of those places */
     Sizes kept, gone;  /* of the crossings that have a weight, and of those that were dropped for the want of one */
@@ -150,8 +159,10 @@ void finder_drop_part(Finder *f, SltDrop reason, const Segment *s, int32_t site)
 void place_least(SltPlace *to, const SltPlace *other);
 /* Works off full batches of the stack; with `all` everything. */
 void finder_run(Finder *f, bool all);
-/* x = a + t (b - a). */
-void segment_at(const Segment *s, double t, double x[3]);
+/* x = a + t (b - a): exact at both ends, and constant along an axis where a and b agree. */
+static inline void segment_at(const Segment *s, double t, double x[3]) {
+    for (int d = 0; d < 3; d++) x[d] = s->a[d] == s->b[d] ? s->a[d] : (1 - t) * s->a[d] + t * s->b[d];
+}
 /* Sorts order[0..n) ascending. */
 void sort_keys(uint64_t *order, uint32_t n);
 

@@ -126,18 +126,14 @@ static bool differ(const FollowTile *t, uint64_t a, uint64_t b, uint32_t axis) {
 }
 
 /* A finger is a run of at most WIDEST vertices of a line that differ from the vertices beside it, which are alike. */
-void follow_line(Follow *f, uint32_t axis, uint32_t line, const bool *searched) {
+void follow_line(Follow *f, uint32_t axis, uint32_t line, const uint32_t *edge, uint32_t n) {
     const FollowTile *t = f->tile;
     uint64_t first = line * t->stride[1 - axis], stride = t->stride[axis];
-    uint32_t last = 0;
-    bool any = false;
-    for (uint32_t e = t->from[axis]; e < t->to[axis]; e++) {
-        if (!searched[e]) continue;
-        if (any && e - last <= WIDEST && !differ(t, first + last * stride, first + (e + 1) * stride, axis)) {
-            *slot_of(f, axis, first + last * stride) = *slot_of(f, axis, first + e * stride) = WANTED;
-            add_finger(f, 0, (Finger){line, last, e, (uint8_t)axis, -1, 1});
-        }
-        last = e, any = true;
+    for (uint32_t i = 1; i < n; i++) {
+        const uint32_t last = edge[i - 1], e = edge[i];
+        if (e - last > WIDEST || differ(t, first + last * stride, first + (e + 1) * stride, axis)) continue;
+        *slot_of(f, axis, first + last * stride) = *slot_of(f, axis, first + e * stride) = WANTED;
+        add_finger(f, 0, (Finger){line, last, e, (uint8_t)axis, -1, 1});
     }
 }
 

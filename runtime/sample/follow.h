@@ -36,8 +36,9 @@ typedef struct FollowFound {
 Follow *follow_new(void);
 void follow_free(Follow *f);
 bool follow_begin(Follow *f, const FollowTile *t, uint64_t vertices);
-/* Before the crossings of its edges are looked for: a line; searched[edge], by first vertex: the ends differ. */
-void follow_line(Follow *f, uint32_t axis, uint32_t line, const bool *searched);
+/* Before the crossings of its edges are looked for: a line; edge[n]: the first vertices of those whose ends differ,
+ * ascending. */
+void follow_line(Follow *f, uint32_t axis, uint32_t line, const uint32_t *edge, uint32_t n);
 /* The near-miss probe found something in an edge; `edge` is 1 + its first vertex, as in Segment. */
 void follow_found(Follow *f, uint32_t axis, uint32_t edge);
 /* A crossing on an edge of the tile, with its gradient. */

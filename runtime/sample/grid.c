@@ -160,11 +160,10 @@ double grid_place_filtered(const Grid *g, uint32_t axis, uint32_t p, double u) {
 }
 
 void grid_gather(const Grid *g, const float *adjoint, uint32_t channels, const double x[3], double *out) {
-    if (g->filter == SLT_FILTER_BOX && !g->integral) {
-        uint32_t at[3] = {0};
-        for (uint32_t d = 0; d < g->dim; d++) at[d] = grid_cell(g, d, x[d]);
-        const float *a = adjoint + grid_index(g, at[0], at[1], at[2]) * channels;
-        for (uint32_t c = 0; c < channels; c++) out[c] = g->density * (double)a[c];
+    if (grid_is_box(g)) {
+        uint32_t cell[3];
+        grid_cells(g, x, cell);
+        grid_gather_box(g, adjoint, channels, cell, out);
         return;
     }
     uint32_t first[3] = {0}, n[3] = {1, 1, 1};
@@ -178,6 +177,17 @@ void grid_gather(const Grid *g, const float *adjoint, uint32_t channels, const d
                 double weight = w[0][i] * w[1][j] * w[2][k];
                 for (uint32_t c = 0; c < channels; c++) out[c] += weight * (double)a[c];
             }
+}
+
+double grid_gather_all(const Grid *g, float v, const double x[3]) {
+    if (grid_is_box(g)) return g->density * (double)v;
+    uint32_t first, n[3] = {1, 1, 1};
+    double w[3][GRID_REACH] = {{1}, {1}, {1}}, out = 0;
+    for (uint32_t d = 0; d < g->dim; d++) n[d] = grid_reach(g, d, x[d], &first, w[d]);
+    for (uint32_t k = 0; k < n[2]; k++)
+        for (uint32_t j = 0; j < n[1]; j++)
+            for (uint32_t i = 0; i < n[0]; i++) out += w[0][i] * w[1][j] * w[2][k] * (double)v;
+    return out;
 }
 
 void pattern_init(Pattern *p, const SltScene *s, uint32_t seed, RngPurpose purpose, uint32_t lane, uint64_t owner) {

@@ -47,8 +47,22 @@ static inline double grid_place(const Grid *g, uint32_t axis, uint32_t p, double
 static inline double grid_middle(const Grid *g, uint32_t axis, uint32_t p) {
     return g->lo[axis] + (p + 0.5) * g->side[axis];
 }
+/* The pixel that holds x, by axis. */
+static inline void grid_cells(const Grid *g, const double x[3], uint32_t cell[3]) {
+    for (uint32_t d = 0; d < 3; d++) cell[d] = d < g->dim ? grid_cell(g, d, x[d]) : 0;
+}
+/* Has each point the pixel alone that holds it? */
+static inline bool grid_is_box(const Grid *g) { return g->filter == SLT_FILTER_BOX && !g->integral; }
+/* grid_gather of a box filter, at any point of the pixel `cell`. */
+static inline void grid_gather_box(const Grid *g, const float *adjoint, uint32_t channels, const uint32_t cell[3],
+                                   double *out) {
+    const float *a = adjoint + grid_index(g, cell[0], cell[1], cell[2]) * channels;
+    for (uint32_t c = 0; c < channels; c++) out[c] = g->density * (double)a[c];
+}
 /* out[channels] = sum over pixels of adjoint * filter at x. */
 void grid_gather(const Grid *g, const float *adjoint, uint32_t channels, const double x[3], double *out);
+/* The same, of every channel, of an image that is v everywhere. */
+double grid_gather_all(const Grid *g, float v, const double x[3]);
 
 /* The samples of a pixel, or of the whole domain: an additive recurrence with a random shift. */
 typedef struct Pattern {

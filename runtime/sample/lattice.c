@@ -163,7 +163,7 @@ static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uin
     const uint32_t *hash = w->hash + first;
     const double *depth = w->depth ? w->depth + first : NULL;
     const double *pos = sp->pos[axis];
-    bool searched[SPAN_MAX];
+    uint32_t searched[SPAN_MAX], nsearched = 0;
     Line line = {.pos = pos,
                  .first = first,
                  .stride = stride,
@@ -174,9 +174,7 @@ static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uin
                  .at_end = sp->v0[axis] + sp->vn[axis] == l->n[axis] + 2,
                  .threshold = threshold,
                  .ask = w->ask};
-    if (w->follow) memset(searched, 0, sp->vn[axis] * sizeof *searched);
-    for (uint32_t v = line.from; v < line.to; v++) {
-        if (!(w->ask[first + v * stride] & ASK_EDGE)) continue;
+    for (uint32_t v = line.from; (v = ask_next(w->ask + first, stride, v, line.to, ASK_EDGE)) < line.to; v++) {
         uint32_t ha = hash[v * stride], hb = hash[(v + 1) * stride];
         double da = 0, db = 0, own = threshold;
         if (depth) {
@@ -191,11 +189,11 @@ static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uin
         s->thin = w->sink.misses && !alike && !w->finder.proves ? thin_edge(w, &line, v, axis) : 0;
         s->narrow = !alike && differs_beside(w, &line, v);
         s->edge = w->follow ? (uint32_t)(first + v * stride) + 1 : 0;
-        searched[v] = !alike;
+        if (!alike) searched[nsearched++] = v;
         finder_add(&w->finder, s, worker_mark(w, first + v * stride), worker_mark(w, first + (v + 1) * stride), own);
     }
     if (w->follow && !w->finder.proves)
-        follow_line(w->follow, axis, (uint32_t)(first / sp->stride[1 - axis]), searched);
+        follow_line(w->follow, axis, (uint32_t)(first / sp->stride[1 - axis]), searched, nsearched);
     if (w->ask[first] & ASK_LINE_NEAR) {
         s->thin = 0, s->narrow = true;
         near_probe(w, &line, s);

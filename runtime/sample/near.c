@@ -69,9 +69,10 @@ static void add(Worker *w, const Candidate *c) {
 
 void near_probe(Worker *w, const Line *l, const Segment *like) {
     uint32_t loops = scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_NEAR_K);
-    for (uint32_t e = l->from; e < l->to && e + 1 < l->n; e++) {
+    const uint32_t end = l->to < l->n - 1 ? l->to : l->n - 1;
+    for (uint32_t e = l->from; e < end; e++) {
+        if (l->ask && (e = ask_next(l->ask + l->first, l->stride, e, end, ASK_NEAR)) == end) break;
         uint64_t v = l->first + e * l->stride, v1 = v + l->stride;
-        if (l->ask && !(l->ask[v] & ASK_NEAR)) continue;
         uint32_t key = w->near_key[v];
         if (w->near_key[v1] != key || w->hash[v] != w->hash[v1] || w->near_event[v] < 0) continue;
         if (worker_faces_differ(w, v, v1)) continue;

@@ -44,23 +44,43 @@ static void find_targets(const Parts *p, const PartsOf *of, double *const *targe
         to[of->noise + c] = p->sum + (uint64_t)(parts + c) * p->nfloats;
 }
 
+/* Parameters of which a tile mostly touches few. */
+enum { TOGETHER = 8 };
+
+static bool any(double *const *part, uint32_t n, uint32_t from, uint32_t to) {
+    uint64_t one = 0;
+    for (uint32_t c = 0; c < n; c++)
+        for (uint32_t i = from; i < to; i++) {
+            uint64_t bits;
+            memcpy(&bits, &part[c][i], sizeof bits);
+            one |= bits;
+        }
+    return one;
+}
+
+static void settle(Parts *p, const PartsOf *of, double *const *targets, double *const *to, uint32_t i) {
+    double pairs = 0, noise = 0;
+    for (uint32_t c = 0; c < of->pairs; c++) pairs += pow(to[2 * c][i] - to[2 * c + 1][i], 2);
+    if (of->pairs) add(p, i, pairs, of->pairs);
+    if (of->spread > 1) add(p, i, spread_of(to, of->spread, i), of->spread - 1);
+    for (uint32_t c = 0; c < count(of); c++) targets[c][i] += to[c][i], to[c][i] = 0;
+    for (uint32_t c = of->noise; of->noise && c < of->noise + PARTS_NOISE; c++)
+        noise += to[c][i] * to[c][i], to[c][i] = 0;
+    if (of->noise) add(p, i, noise, PARTS_NOISE);
+}
+
 bool parts_settle(Parts *p, const PartsOf *of, double *const *targets) {
     double *to[ACCUMS];
-    uint32_t n = count(of);
+    const uint32_t n = count(of), noises = of->noise ? PARTS_NOISE : 0;
     find_targets(p, of, targets, 0, to);
     for (uint32_t c = 0; c < (p->whole ? n : 0); c++)
         if (!derived_pull(p->s, to[c])) return false;
-    for (uint32_t c = 0; c < (p->whole && of->noise ? PARTS_NOISE : 0); c++)
+    for (uint32_t c = 0; c < (p->whole ? noises : 0); c++)
         if (!derived_pull(p->s, to[of->noise + c])) return false;
-    for (uint32_t i = 0; i < p->nfloats; i++) {
-        double pairs = 0, noise = 0;
-        for (uint32_t c = 0; c < of->pairs; c++) pairs += pow(to[2 * c][i] - to[2 * c + 1][i], 2);
-        if (of->pairs) add(p, i, pairs, of->pairs);
-        if (of->spread > 1) add(p, i, spread_of(to, of->spread, i), of->spread - 1);
-        for (uint32_t c = 0; c < n; c++) targets[c][i] += to[c][i], to[c][i] = 0;
-        for (uint32_t c = of->noise; of->noise && c < of->noise + PARTS_NOISE; c++)
-            noise += to[c][i] * to[c][i], to[c][i] = 0;
-        if (of->noise) add(p, i, noise, PARTS_NOISE);
+    for (uint32_t from = 0, end; from < p->nfloats; from = end) {
+        end = p->nfloats - from < TOGETHER ? p->nfloats : from + TOGETHER;
+        if (!any(to, n, from, end) && !any(to + of->noise, noises, from, end)) continue;
+        for (uint32_t i = from; i < end; i++) settle(p, of, targets, to, i);
     }
     return true;
 }

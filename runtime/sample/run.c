@@ -155,13 +155,6 @@ bool worker_vertices(Worker *w, uint64_t n) {
     return ok;
 }
 
-Mark worker_mark(const Worker *w, uint64_t v) {
-    Mark m = {.hash = w->hash[v], .face = w->face ? w->face[v] : 0, .depth = w->depth ? w->depth[v] : 0};
-    uint32_t n = scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_WITNESS);
-    for (uint32_t k = 0; k < n; k++) m.witness[k] = w->witness[v * n + k];
-    return m;
-}
-
 void vertices_call(Worker *w, uint32_t n, uint64_t at) {
     Batch *b = &w->batch;
     batch_call(b, SLT_K_REGION, n);

@@ -85,7 +85,12 @@ void run_collect(Run *r, Worker *w);
 /* Room for n vertices; for n values, set to 0. False when memory runs out. */
 bool worker_vertices(Worker *w, uint64_t n);
 bool worker_values(Worker *w, uint64_t n);
-Mark worker_mark(const Worker *w, uint64_t vertex);
+static inline Mark worker_mark(const Worker *w, uint64_t vertex) {
+    Mark m = {.hash = w->hash[vertex], .face = w->face ? w->face[vertex] : 0, .depth = w->depth ? w->depth[vertex] : 0};
+    const uint32_t n = w->witness ? scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_WITNESS) : 0;
+    for (uint32_t k = 0; k < n; k++) m.witness[k] = w->witness[vertex * n + k];
+    return m;
+}
 /* Do rays of the two hit different faces of meshes? */
 static inline bool worker_faces_differ(const Worker *w, uint64_t a, uint64_t b) {
     return w->face && w->face[a] != w->face[b];

@@ -20,7 +20,6 @@ typedef struct Item {
     double ga, gb;     /* g at ta and tb */
     double x1, x2, x3; /* x1 is the newest point, [x1, x2] (or [x2, x1]) the bracket, x3 the point before */
     double f1, f2, f3; /* g at these */
-    double next;       /* the point to be evaluated */
     uint32_t left;     /* evaluations before bisection takes over for good */
     bool exact;        /* g was exactly zero at x1 */
 } Item;
@@ -39,12 +38,19 @@ static inline bool search_differ_in_face(Mark a, Mark b, double threshold) {
     return a.face != b.face && a.hash == b.hash && !depth_differs(a.depth, b.depth, threshold);
 }
 
-/* ---- finder.c: the part of s from ta to tb, with marks a and b, goes back on the stack if a and b differ. cut: the t
- * at which to bisect the part; 0: in the middle */
-void search_push(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b, SearchState state);
-void search_push_cut(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b, SearchState state, double cut);
+/* Of numbers, none of which is NaN. */
+static inline double search_greater(double a, double b) { return a > b ? a : b; }
+static inline double search_lesser(double a, double b) { return a < b ? a : b; }
 
-void search_put(Finder *f, uint32_t lane, const Segment *s, double t);
+/* ---- finder.c: the part of s from ta to tb, with marks a and b, goes back on the stack if a and b differ */
+void search_push(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b, SearchState state);
+
+static inline void search_put(Finder *f, uint32_t lane, const Segment *s, double t) {
+    double x[3];
+    segment_at(s, t, x);
+    batch_set_x(f->b, lane, x);
+    batch_set_stream(f->b, lane, s->stream, s->rand0);
+}
 /* Two units in the last place of the position, in parts of the whole segment. */
 double search_least(const Finder *f, const Segment *s);
 void search_solve(Finder *f, Item *items, uint32_t n);
@@ -56,7 +62,10 @@ void flank_settle(Finder *f, Item *items, const uint32_t *slot, uint32_t n);
 
 /* ---- window.c */
 /* Is the site a ray's, so that its g looks along a window? */
-bool window_site(const SltScene *s, int32_t site);
+static inline bool window_site(const SltScene *s, int32_t site) {
+    return search_has_windows(s) && s->site_kind[site] >= SLT_SITE_SILHOUETTE &&
+           s->site_kind[site] <= SLT_SITE_MESH_SHADOW;
+}
 /* By how much brackets of such sites are widened on both sides, in parts of the segment. */
 double window_padding(const Finder *f, const Segment *s, double tol);
 void window_ask_again(Finder *f, const Segment *s, double lo, double hi, Mark before, Mark after);

@@ -284,32 +284,52 @@ static void emit_reverse(Sink *k, const Crossing *c, const uint64_t *order, uint
     accum_call(k->acc, k->b, SLT_K_SITE_VJP, used, which);
 }
 
+/* The seed of a crossing by the error of the adjoint, before its weight. */
+static double noise_seed(const Sink *k, const Crossing *x, const uint32_t cell[3]) {
+    const uint32_t channels = k->b->s->channels;
+    const bool box = grid_is_box(k->grid);
+    double off[SLT_MAX_CHANNELS], least[SLT_MAX_CHANNELS] = {0}, seed = 0;
+    if (box) grid_gather_box(k->grid, k->noise[0], channels, cell, off);
+    else grid_gather(k->grid, k->noise[0], channels, x->x, off);
+    if (k->noise[1]) grid_gather(k->grid, k->noise[1], channels, x->x, least);
+    else if (k->least > 0) {
+        const double all = grid_gather_all(k->grid, k->least, x->x);
+        for (uint32_t ch = 0; ch < channels; ch++) least[ch] = all;
+    }
+    for (uint32_t ch = 0; ch < channels; ch++)
+        seed += copysign(fmax(fabs(off[ch]), fabs(least[ch] * x->jump[ch])), off[ch]) * x->jump[ch];
+    return seed;
+}
+
 /* What crossings weigh by the error of the adjoint, which is each pixel's own: into one of PARTS_NOISE sums of pixels
  * that are not neighbours. */
 static void emit_noise(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n) {
-    uint32_t channels = k->b->s->channels, first = k->classes + k->misses;
+    const uint32_t first = k->classes + k->misses;
+    double seed[BATCH];
     uint8_t of[BATCH];
+    uint16_t sorted[BATCH];
+    uint32_t place[PARTS_NOISE + 1] = {0};
     for (uint32_t i = 0; i < n; i++) {
         const Crossing *x = &c[(uint32_t)order[i]];
-        uint32_t cell = 0;
-        for (uint32_t d = 0; d < k->grid->dim; d++) cell += (2 * d + 1) * grid_cell(k->grid, d, x->x[d]);
-        of[i] = cell % PARTS_NOISE;
+        uint32_t cell[3], sum = 0;
+        grid_cells(k->grid, x->x, cell);
+        for (uint32_t d = 0; d < k->grid->dim; d++) sum += (2 * d + 1) * cell[d];
+        of[i] = sum % PARTS_NOISE;
+        seed[i] = noise_seed(k, x, cell);
+        place[of[i] + 1] += seed[i] != 0;
     }
+    for (uint32_t g = 0; g < PARTS_NOISE; g++) place[g + 1] += place[g];
+    uint32_t end[PARTS_NOISE];
+    memcpy(end, place, sizeof end);
+    for (uint32_t i = 0; i < n; i++)
+        if (seed[i] != 0) sorted[end[of[i]]++] = (uint16_t)i;
     for (uint32_t g = 0; g < PARTS_NOISE; g++) {
-        uint32_t used = 0;
-        for (uint32_t i = 0; i < n; i++) {
-            const Crossing *x = &c[(uint32_t)order[i]];
-            double off[SLT_MAX_CHANNELS], least[SLT_MAX_CHANNELS] = {0}, seed = 0;
-            if (of[i] != g) continue;
-            grid_gather(k->grid, k->noise[0], channels, x->x, off);
-            if (k->noise[1]) grid_gather(k->grid, k->noise[1], channels, x->x, least);
-            for (uint32_t ch = 0; ch < channels; ch++)
-                seed += copysign(fmax(fabs(off[ch]), fabs(least[ch] * x->jump[ch])), off[ch]) * x->jump[ch];
-            if (seed == 0) continue;
-            sink_put(k, used, x);
-            batch_set(k->b, SLT_IN_SEED0, used++, seed * x->weight);
+        for (uint32_t at = place[g]; at < end[g]; at++) {
+            const Crossing *x = &c[(uint32_t)order[sorted[at]]];
+            sink_put(k, at - place[g], x);
+            batch_set(k->b, SLT_IN_SEED0, at - place[g], seed[sorted[at]] * x->weight);
         }
-        accum_call(k->acc, k->b, SLT_K_SITE_VJP, used, first + g);
+        accum_call(k->acc, k->b, SLT_K_SITE_VJP, end[g] - place[g], first + g);
     }
 }
 
@@ -392,19 +412,33 @@ static void emit(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n) 
     case SINK_REVERSE:
         emit_reverse(k, c, order, n, k->sizes ? cls & 1 : k->classes > 1 ? cls : 0, 0);
         if (k->sizes && cls & 4) emit_reverse(k, c, order, n, SIZE_GROUP, cls & 2 ? 2 : 1);
-        if (k->noise[0]) emit_noise(k, c, order, n);
         break;
     case SINK_FORWARD: emit_forward(k, c, order, n); break;
     case SINK_KEEP: break;
     }
 }
 
+/* All groups, of those that are kept (NULL: of all). Noise asks for no class: those of one site and move go together,
+ * as each of its sums gets few. */
+static void emit_groups(Sink *k, const Crossing *c, const bool *keep, uint32_t n) {
+    enum { CLASS = 36 /* bits of k->order below the move: see group */ };
+    uint32_t put = 0, quiet = 0; /* entries of k->order that are out, and those of them whose noise is, too */
+    for (uint32_t from = 0, to; from < n; from = to) {
+        const uint64_t key = k->order[from] >> CLASS;
+        const uint32_t first = put;
+        to = group_end(k, c, from, n);
+        for (uint32_t i = from; i < to; i++)
+            if (!keep || keep[i]) k->order[put++] = k->order[i];
+        emit(k, c, k->order + first, put - first);
+        if (to < n && k->order[to] >> CLASS == key) continue;
+        if (k->noise[0] && put > quiet) emit_noise(k, c, k->order + quiet, put - quiet);
+        quiet = put;
+    }
+}
+
 void sink_put_weighed(Sink *k, const Crossing *c, uint32_t n) {
     group(k, c, n);
-    for (uint32_t from = 0, to; from < n; from = to) {
-        to = group_end(k, c, from, n);
-        emit(k, c, k->order + from, to - from);
-    }
+    emit_groups(k, c, NULL, n);
     sink_move(k, NULL);
 }
 
@@ -526,17 +560,11 @@ void sink_take(void *sink, Crossing *c, uint32_t n) {
     coincide_settle(k, c, k->order, keep, n);
     put_doubts(k, c, keep, n);
     kink_settle(k, c, k->order, keep, n);
-    for (uint32_t from = 0, to; from < n; from = to) {
-        uint32_t kept = 0;
-        to = group_end(k, c, from, n);
-        for (uint32_t i = from; i < to; i++) {
-            if (!keep[i]) continue;
-            const Crossing *x = &c[(uint32_t)k->order[i]];
-            if (x->thin && k->misses && room(k, &k->thin, &k->thin_cap, k->nthin + 1)) k->thin[k->nthin++] = *x;
-            k->order[from + kept++] = k->order[i];
-        }
-        emit(k, c, k->order + from, kept);
+    for (uint32_t i = 0; i < n && k->misses; i++) {
+        const Crossing *x = &c[(uint32_t)k->order[i]];
+        if (keep[i] && x->thin && room(k, &k->thin, &k->thin_cap, k->nthin + 1)) k->thin[k->nthin++] = *x;
     }
+    emit_groups(k, c, keep, n);
     if (k->coincide.nparts) put_parts(k);
     put_kinks(k);
 }

@@ -37,6 +37,7 @@ struct Sink {
     const float *adjoint;   /* SINK_REVERSE: an image */
     const float *noise[2];  /* SINK_REVERSE: how far the adjoint is off, and per jump what it is at least; or NULL. What
                                that weighs goes to the last PARTS_NOISE buffers */
+    float least;            /* the second where it is the same everywhere, and no image; 0: none */
     uint32_t classes;       /* SINK_REVERSE: adjoint buffers, 1 or COSETS */
     bool sizes;             /* SINK_REVERSE: classes as of SINK_PARTS, sizes included */
     const Directions *dirs; /* SINK_FORWARD */

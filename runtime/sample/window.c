@@ -24,11 +24,6 @@
 #define FRESH_SLOPE 4
 #define FRESH_LEAST(scene) ((scene)->f64 ? 0x1p-36 : 0x1p-19)
 
-bool window_site(const SltScene *s, int32_t site) {
-    return search_has_windows(s) && s->site_kind[site] >= SLT_SITE_SILHOUETTE &&
-           s->site_kind[site] <= SLT_SITE_MESH_SHADOW;
-}
-
 /* Whether a ray is blocked and its clearance are different arithmetic, and both are rounded in units of the domain's
  * size, not of the position: brackets are wide enough to hold the jump and the root of the clearance. */
 double window_padding(const Finder *f, const Segment *s, double tol) {
@@ -79,7 +74,7 @@ uint32_t window_take_halves(Finder *f, Item *items, uint32_t n) {
         if ((items[i].s.state == SEARCH_HALVE || items[i].s.state == SEARCH_FLAT) &&
             items[i].s.tb - items[i].s.ta > items[i].tol)
             assert(f->nsplit < FIND), f->split[f->nsplit++] = items[i].s;
-        else items[kept++] = items[i];
+        else if (kept++ != i) items[kept - 1] = items[i];
     return kept;
 }
 

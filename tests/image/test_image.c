@@ -407,8 +407,22 @@ static void channels_and_strip(void **state) {
     assert_true(strip.data[0] == 1 && strip.data[1] == 0 && strip.data[2 * 3] == 1 && strip.data[3 * 3] == 0);
     assert_true(strip.data[4 * 3] == 1); /* below the shorter image it is white */
     image_free(&strip);
-    image_free(&a);
     image_free(&b);
+    /* What has its channels already is not copied; what has others, or in another order, is. */
+    const float *was = a.data;
+    must(image_take_channels(&a, 3, &b, &err), &err);
+    assert_true(b.data == was && !a.data);
+    image_set_name(&b, 0, "B"), image_set_name(&b, 2, "R");
+    must(image_take_channels(&b, 3, &a, &err), &err);
+    assert_true(!b.data && a.data[0] == 0 && a.data[2] == 1 && a.data[3] == 0.5f);
+    must(image_take_channels(&a, 1, &b, &err), &err);
+    assert_true(!a.data && b.channels == 1);
+    must(image_convert_channels(&b, 2, &a, &err), &err);
+    image_free(&b), was = a.data;
+    must(image_take_channels(&a, 2, &b, &err), &err);
+    assert_true(b.data == was);
+    assert_int_equal(image_take_channels(&b, 5, &a, &err), SLT_USAGE);
+    assert_true(!b.data);
 }
 
 static void diverging_picture(void **state) {

@@ -50,6 +50,16 @@ static void check_axis(Worker *w, const AskTile *t, uint32_t axis) {
                 any |= want;
             }
             assert_int_equal(w->ask[first] >> 2, any);
+            /* Those that have a bit are found one after the other. */
+            for (uint8_t bit = ASK_EDGE; bit <= ASK_NEAR; bit *= 2) {
+                uint32_t e = t->from[axis];
+                for (uint32_t at = e; at < t->to[axis]; at++) {
+                    if (!(w->ask[first + at * t->stride[axis]] & bit)) continue;
+                    e = ask_next(w->ask + first, t->stride[axis], e, t->to[axis], bit);
+                    assert_int_equal(e++, at);
+                }
+                assert_int_equal(ask_next(w->ask + first, t->stride[axis], e, t->to[axis], bit), t->to[axis]);
+            }
         }
 }
 

@@ -240,6 +240,158 @@ static void check_zeros(const Fill *f) {
 }
 static void test_zeros(void **unused) { (void)unused, for_all(check_zeros); }
 
+/* Sums and adjoints number by number, with a mask and without, of halves and of one image. */
+static void check_residuals(const Fill *f) {
+    enum { MOST = 100 };
+    for (uint32_t k = 0; k < 400; k++) {
+        float half[2][MOST], was[2][MOST], target[MOST], mask[MOST];
+        const uint64_t n = words() % MOST;
+        const bool masked = k & 1, halves = k & 2;
+        const double numbers = 3 * (1 + words() % 1000);
+        for (uint32_t i = 0; i < MOST; i++) {
+            for (int h = 0; h < 2; h++) half[h][i] = was[h][i] = (float)rng_unit(word());
+            target[i] = (float)rng_unit(word()), mask[i] = (float)rng_unit(word());
+        }
+        const double got = f->residuals(half[0], halves ? half[1] : NULL, target, masked ? mask : NULL, n, numbers);
+        double sum = 0;
+        for (uint32_t i = 0; i < MOST; i++) {
+            const double m = masked ? (double)mask[i] : 1, a = (double)was[0][i] - (double)target[i],
+                         b = halves ? (double)was[1][i] - (double)target[i] : a;
+            const bool beyond = i >= n;
+            if (!beyond) sum += m * a * b;
+            assert_true(half[0][i] == (beyond ? was[0][i] : (float)(2 * m * b / numbers)));
+            assert_true(half[1][i] == (beyond || !halves ? was[1][i] : (float)(2 * m * a / numbers)));
+        }
+        assert_true(got == sum);
+    }
+}
+static void test_residuals(void **unused) { (void)unused, for_all(check_residuals); }
+
+/* ---- roots: Chandrupatla's method one bracket at a time */
+typedef struct Bracket {
+    double x1, x2, x3, f1, f2, f3, tol, next;
+    uint32_t left;
+    bool exact;
+} Bracket;
+
+static double fraction(const Bracket *k, double width) {
+    const double least = 0.75 * k->tol / width;
+    if (least >= 0.5 || width > ldexp(1, k->left < 1023 ? (int)k->left : 1023) * k->tol) return 0.5;
+    if (isinf(k->f1) || isinf(k->f2)) return 0.5;
+    double t = 0.5;
+    if (k->x3 == k->x2 || k->f3 == k->f2) {
+        t = k->f1 / (k->f1 - k->f2);
+    } else {
+        double xi = (k->x1 - k->x2) / (k->x3 - k->x2), phi = (k->f1 - k->f2) / (k->f3 - k->f2);
+        if (phi * phi < xi && (1 - phi) * (1 - phi) < 1 - xi)
+            t = k->f1 / (k->f2 - k->f1) * k->f3 / (k->f2 - k->f3) +
+                (k->x3 - k->x1) / (k->x2 - k->x1) * k->f1 / (k->f3 - k->f1) * k->f2 / (k->f3 - k->f2);
+    }
+    if (!isfinite(t)) t = 0.5;
+    return t < least ? least : t > 1 - least ? 1 - least : t;
+}
+
+static bool step_bracket(Bracket *k) {
+    const double width = fabs(k->x2 - k->x1);
+    if (k->exact || width <= k->tol || !k->left) return false;
+    k->next = k->x1 + fraction(k, width) * (k->x2 - k->x1);
+    if (k->next == k->x1 || k->next == k->x2) return false;
+    k->left--;
+    return true;
+}
+
+static void take_bracket(Bracket *k, double g) {
+    if (g == 0) {
+        k->x1 = k->next, k->f1 = 0, k->exact = true;
+        return;
+    }
+    if ((g < 0) == (k->f1 < 0)) k->x3 = k->x1, k->f3 = k->f1;
+    else k->x3 = k->x2, k->f3 = k->f2, k->x2 = k->x1, k->f2 = k->f1;
+    k->x1 = k->next, k->f1 = g;
+}
+
+/* Of straight, bent, flat and endless g, and of those that are 0 or NaN somewhere. */
+static double g_of(uint32_t kind, double x) {
+    switch (kind % 6) {
+    case 0: return x - 0.3;
+    case 1: return x * x * x - 0.1;
+    case 2: return pow(x - 0.5, 5);
+    case 3: return x < 0.4 ? -HUGE_VAL : x - 0.4;
+    case 4: return x < 0.25 ? -1 : x < 0.6 ? 0 : 1;
+    default: return x > 0.2 && x < 0.5 ? NAN : x - 0.35;
+    }
+}
+
+static void check_roots(const Fill *f) {
+    enum { MOST = 21 };
+    static Roots r;
+    for (uint32_t round = 0; round < 300; round++) {
+        const uint32_t n = 1 + word() % MOST;
+        const bool f64 = round & 1;
+        Bracket want[MOST];
+        bool going = true;
+        for (uint32_t i = 0; i < n; i++) {
+            const double a = 0.1 * rng_unit(word()), b = 1 - 0.1 * rng_unit(word());
+            Bracket *k = &want[i];
+            *k = (Bracket){.x1 = a, .x2 = b, .x3 = b, .f1 = g_of(i, a), .f2 = g_of(i, b), .f3 = g_of(i, b)};
+            k->tol = ldexp(1, -(int)(word() % 40)), k->left = word() % 60, k->exact = word() % 8 == 0;
+            r.x1[i] = k->x1, r.x2[i] = k->x2, r.x3[i] = k->x3, r.f1[i] = k->f1, r.f2[i] = k->f2, r.f3[i] = k->f3;
+            r.tol[i] = k->tol, r.left[i] = k->left, r.exact[i] = -(int64_t)k->exact;
+        }
+        for (uint32_t steps = 0; going; steps++) {
+            double g[MOST + FILL_OVER] = {0};
+            float narrow[MOST + FILL_OVER] = {0};
+            bool go[MOST];
+            going = false;
+            assert_true(steps < 100);
+            f->roots_step(&r, n);
+            for (uint32_t i = 0; i < n; i++) {
+                go[i] = step_bracket(&want[i]), going |= go[i];
+                assert_int_equal(r.go[i], -(int64_t)go[i]);
+                if (go[i]) assert_true(r.next[i] == want[i].next);
+                else want[i].next = r.next[i]; /* what is done is taken, too, here: its answer does not matter */
+                g[i] = f64 ? g_of(i, want[i].next) : (double)(float)g_of(i, want[i].next), narrow[i] = (float)g[i];
+            }
+            f->roots_take(&r, n, f64 ? (const void *)g : narrow, f64);
+            for (uint32_t i = 0; i < n; i++) {
+                Bracket *k = &want[i];
+                take_bracket(k, g[i]);
+                assert_true(r.x1[i] == k->x1 && r.x2[i] == k->x2 && r.x3[i] == k->x3);
+                assert_memory_equal(&r.f1[i], &k->f1, sizeof k->f1),
+                    assert_memory_equal(&r.f2[i], &k->f2, sizeof k->f2);
+                assert_memory_equal(&r.f3[i], &k->f3, sizeof k->f3);
+                assert_true(r.left[i] == k->left && r.exact[i] == -(int64_t)k->exact);
+            }
+        }
+    }
+}
+static void test_roots(void **unused) { (void)unused, for_all(check_roots); }
+
+/* Of an image that is the same everywhere no image is needed: not a bit is another. */
+static void test_gather(void **unused) {
+    (void)unused;
+    enum { SIDE = 9, CHANNELS = 3 };
+    static const SltFilter filter[] = {SLT_FILTER_BOX, SLT_FILTER_TENT, SLT_FILTER_GAUSSIAN};
+    for (uint32_t k = 0; k < 3; k++) {
+        SltScene s = {.dim = 2, .channels = CHANNELS, .hi = {3, 1.7, 1}};
+        SltJob j = SLT_JOB_INIT;
+        SltError err;
+        Grid g;
+        j.size[0] = j.size[1] = SIDE, j.filter = filter[k];
+        assert_int_equal(grid_init(&g, &s, &j, &err), SLT_OK);
+        for (uint32_t i = 0; i < 1000; i++) {
+            const float v = (float)rng_unit(word());
+            const double x[3] = {3 * rng_unit(word()), 1.7 * rng_unit(word())};
+            float image[SIDE * SIDE * CHANNELS];
+            double want[CHANNELS], all = grid_gather_all(&g, v, x);
+            for (uint32_t p = 0; p < SIDE * SIDE * CHANNELS; p++) image[p] = v;
+            grid_gather(&g, image, CHANNELS, x, want);
+            for (uint32_t c = 0; c < CHANNELS; c++) assert_true(all == want[c] && all > 0);
+        }
+        grid_free(&g);
+    }
+}
+
 /* ---- the Gaussian filter */
 /* The part of the filter up to where a sample lies is what it was drawn by, to the last places of what erf gives. */
 static void test_gaussian(void **unused) {
@@ -263,9 +415,10 @@ static void test_gaussian(void **unused) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_blocks), cmocka_unit_test(test_streams),
-                                       cmocka_unit_test(test_spread), cmocka_unit_test(test_sums),
-                                       cmocka_unit_test(test_walks),  cmocka_unit_test(test_integrals),
-                                       cmocka_unit_test(test_zeros),  cmocka_unit_test(test_gaussian)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_blocks), cmocka_unit_test(test_streams),   cmocka_unit_test(test_spread),
+        cmocka_unit_test(test_sums),   cmocka_unit_test(test_walks),     cmocka_unit_test(test_integrals),
+        cmocka_unit_test(test_zeros),  cmocka_unit_test(test_residuals), cmocka_unit_test(test_roots),
+        cmocka_unit_test(test_gather), cmocka_unit_test(test_gaussian)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
