@@ -71,6 +71,7 @@ static void see(void *user, const Inst *i, const void *const *slot, const uint8_
         }
         if (!number) continue;
         float r = of(slot, i, k);
+        if (fabsf(r) >= FLT_MIN && isfinite(r)) continue; /* as most are: nothing is lost */
         if (is_low(r)) to.low |= from.low & 1ull << k;
         if (!isfinite(r)) to.high |= from.high & 1ull << k;
         born(i, slot, k, &to);
