@@ -241,10 +241,9 @@ static double off_along(const Root *r) {
 }
 
 void cells_moved_parts(const Cells *c, const Column *k, double longer[CELL_EDGES + 1]) {
-    const Root *root = &c->root[k->first];
     for (uint32_t i = 0; i <= k->nroots; i++) longer[i] = 0;
     for (uint32_t i = 0; i < k->nroots && !c->b->f64; i++) {
-        const Root *r = &root[i];
+        const Root *root = &c->root[k->first], *r = &root[i];
         if (!r->wanted || !r->sides) continue;
         const Sides *s = cells_sides(c, r);
         double jump = 0, off = off_along(r), at = r->x[r->axis];
