@@ -83,7 +83,7 @@ bool lists_note(Lists *l, Batch *b) {
             return false;
         }
     }
-    memset(l->notes, 0, n * sizeof *l->notes);
+    if (n) memset(l->notes, 0, n * sizeof *l->notes);
     for (uint32_t i = 0, at = 0; i < l->s->nlists; i++) {
         l->note[i] = l->notes + at;
         at += l->s->list_noted[i] ? length(l, i) : 0;

@@ -362,9 +362,9 @@ INLINE void add_candidates(Search *s, const Beams *b, Neighbours *group, uint32_
             store->order.data[n] = number, store->most.data[n++] = store->found.data[number].most[i];
         }
     for (uint32_t at = n; at % 8; at++) store->most.data[at] = -HUGE_VAL;
-    group->first[k] = store->candidate.n;
-    if (!window_room(store, &store->candidate.data, store->candidate.n, &store->candidate.room, n,
-                     sizeof *store->candidate.data))
+    group->first[k] = store->candidate.n, group->count[k] = 0;
+    if (!n || !window_room(store, &store->candidate.data, store->candidate.n, &store->candidate.room, n,
+                           sizeof *store->candidate.data))
         return;
     Candidate *to = store->candidate.data + store->candidate.n;
     if (parts && (n > FEW_FACETS || !window_room(store, &store->parts.data, (*parts + 7) / 8, &store->parts.room,
