@@ -225,20 +225,14 @@ CompiledModule *api_compile_module(SltProgram *p, Session *s, const KernelReques
     return compile_modules(p, s, &job, 1, err) == SLT_OK ? job.out : NULL;
 }
 
-/* Kernels on boxes of a straight-line program are as long as it is and thirty times over, but run a few chunks of that
- * at once: it is compiling them that takes time. */
+/* Cells are asked about a few at a time (of a tree over lists, seven): one vector a value is enough. Those of a
+ * straight-line program are as long as it is and thirty times over, but run a few chunks of that at once: it is
+ * compiling them that takes time. */
 static bool is_of_boxes(int kind) {
     return kind == K_BOUNDS || kind == K_EDGE || kind == K_EDGE_BOUNDS || kind == K_WRITTEN_BOUNDS;
 }
 
 static bool is_long(const KernelSet *set, int kind) { return kind == K_PRUNE || (set->chunked && is_of_boxes(kind)); }
-
-/* Where loops have lists, cells are asked about a node of the tree at a time, which is seven boxes or points a call. */
-static bool takes_few(const SltProgram *p, int kind) {
-    bool listed = false;
-    for (uint32_t i = 0; i < SLT_MAX_CULL; i++) listed |= p->list_noted[i] != 0;
-    return listed && is_of_boxes(kind);
-}
 
 static void put_off(SltProgram *p, int kind, const KernelRequest *req, bool few, bool plain, unsigned level) {
     LateKernels *l = &p->late;
@@ -319,7 +313,7 @@ static void build_body(Session *s, void *arg) {
         if (k == K_VJP) p->scene.rigid = !ir_has(set.fn[k]->body, OP_adj);
         if (set.tape[k].bytes_per_lane > p->scene.tape_bytes) p->scene.tape_bytes = set.tape[k].bytes_per_lane;
         p->scene.tape_grows |= set.tape[k].grows;
-        p->compiled_few[k] = !is_long(&set, k) && takes_few(p, k);
+        p->compiled_few[k] = is_of_boxes(k) && !is_long(&set, k);
         p->compiled_level[k] = is_long(&set, k) ? 0 : (uint8_t)level;
         const KernelRequest this = {kernel_names[k], set.fn[k]};
         if (k == K_VALUE && p->opt.rgba8) {

@@ -85,7 +85,7 @@ bool lists_note(Lists *l, Batch *b) {
     }
     if (n) memset(l->notes, 0, n * sizeof *l->notes);
     for (uint32_t i = 0, at = 0; i < l->s->nlists; i++) {
-        l->note[i] = l->notes + at;
+        l->note[i] = n ? l->notes + at : NULL;
         at += l->s->list_noted[i] ? length(l, i) : 0;
     }
     b->args.note = l->note;
