@@ -22,7 +22,9 @@ bool quadrature_may(const SltScene *s) {
 
 bool quadrature_can(const SltScene *s) {
     if (!quadrature_may(s) || !s->kernel[SLT_K_BOUNDS]) return false;
-    return !s->nedges || (s->kernel[SLT_K_EDGE] && s->kernel[SLT_K_EDGE_BOUNDS] && s->kernel[SLT_K_SIDES]);
+    /* Choices of chunks are edges too, of which a program without sites has no kernels. */
+    return !(s->nedges || s->chunked) ||
+           (s->kernel[SLT_K_EDGE] && s->kernel[SLT_K_EDGE_BOUNDS] && s->kernel[SLT_K_SIDES]);
 }
 
 bool quadrature_has_boundary(const SltScene *s, SltKernelKind last) {
