@@ -8,6 +8,7 @@
  *   ad_replay.c      reverse mode: segments and iterations that are run again
  *   ad_vjp.c         reverse mode: the sweep
  *   ad_region.c      reverse mode: loops and ifs
+ *   ad_sparse.c      reverse mode: long straight-line programs in chunks
  *   ad_rows.c        reverse mode, after: several seeds of one output
  *
  * A product with a seed is guarded where a factor may be infinite (ir/range.h): behind an overflow too, but the

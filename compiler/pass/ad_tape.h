@@ -1,4 +1,4 @@
-/* State of one reverse sweep, shared by ad_vjp.c, ad_region.c, ad_tape.c and ad_replay.c.
+/* State of one reverse sweep, shared by ad_vjp.c, ad_region.c, ad_sparse.c, ad_tape.c and ad_replay.c.
  *
  * The sweep is emitted behind the primal, walking it backwards once. A value of the primal is asked for where the sweep
  * needs it (tape_value), and only then is it decided how to have it; the forward part gets its pushes when a scope is
@@ -106,6 +106,7 @@ static inline void vjp_pop(Vjp *v) { v->stack.len--; }
 
 /* ad_vjp.c */
 void vjp_block(Vjp *v, Block *b);
+void vjp_run(Vjp *v, const Inst *first, Inst *last); /* of one block, backwards */
 void vjp_add(Vjp *v, Inst *primal, AdTerm t);
 bool vjp_holds_taped(const Vjp *v, const Block *b);
 bool vjp_reads_told(const Block *b); /* itself, not in a loop */
@@ -113,6 +114,11 @@ bool vjp_reads_told(const Block *b); /* itself, not in a loop */
 /* ad_region.c */
 void vjp_if(Vjp *v, Inst *i);
 void vjp_loop(Vjp *v, Inst *i);
+
+/* ad_sparse.c */
+bool vjp_is_sparse(const Vjp *v, const Block *b);
+/* Emits the reverse of the chunk that ends with `last`; returns what stands ahead of it, or NULL. */
+Inst *vjp_chunk(Vjp *v, Inst *last);
 
 /* ad_tape.c */
 Inst *tape_value(Vjp *v, Inst *primal);

@@ -141,12 +141,17 @@ static void reverse_inst(Vjp *v, Inst *i) {
     }
 }
 
-void vjp_block(Vjp *v, Block *b) {
+void vjp_run(Vjp *v, const Inst *first, Inst *last) {
     /* The sweep also adds code to the forward part: ids tell it apart. */
-    for (Inst *i = b->last, *prev; i; i = prev) {
+    const Inst *ahead = first->prev;
+    for (Inst *i = last, *prev; i != ahead; i = prev) {
         prev = i->prev;
         if (i->id < v->f.n && i->op != OP_yield) reverse_inst(v, i);
     }
+}
+
+void vjp_block(Vjp *v, Block *b) {
+    if (b->last) vjp_run(v, b->first, b->last);
 }
 
 /* ---- facts of regions */
@@ -223,10 +228,9 @@ static void sweep(Vjp *v, const Fn *primal) {
         }
         n++;
     }
-    for (Inst *i = last, *prev; i; i = prev) {
-        prev = i->prev;
-        if (i->id < v->f.n) reverse_inst(v, i);
-    }
+    if (vjp_is_sparse(v, fn->body))
+        for (Inst *i = last; i;) i = vjp_chunk(v, i);
+    else if (last) vjp_run(v, fn->body->first, last);
     if (v->o->no_value) n = 0;
     for (uint32_t d = 0; v->o->wrt_x && d < fn->dim; d++) {
         Inst *g = NULL;

@@ -104,6 +104,7 @@ typedef struct AdOptions {
     uint32_t tape_budget; /* bytes a lane above which loops are checkpointed, in as many levels as it takes; 0: 64 KiB,
                              of which loops with queries 4 KiB */
     uint8_t replay;       /* AD_REPLAY_* */
+    bool dense;           /* ad_vjp: long straight-line programs as others: one sweep over all (tests) */
     uint32_t rows; /* > 1: the one float output has this many seeds, and a row of adjoints for each. Not with wrt_x */
 } AdOptions;
 /* Forward: outputs the primal's outputs that are float, then their tangents. Tangents come in as dparam and IN_DX*. */

@@ -41,6 +41,27 @@ class Expression(Case):
             self.assertAlmostEqual(shift, 0, delta=2e-6)
         self.assertAlmostEqual(r["certified"], 1, delta=1e-9)
 
+    def test_smooth(self):
+        """Derivatives of a value that a long formula chooses: kernels of both precisions against differences."""
+        text, _ = discs_and_boxes(14)
+        source = shader(text).replace("[Disc] if (", "float g = ").replace(" < 0.0) inside = 1.0", "").replace("return inside", "return g * g")
+        self.put("s.salt", source)
+        h, sums = 1e-6, {}
+        for precision, digits in (("f64", 6), ("f32", 3)):
+            r = self.json_cli("grad", "s.salt", "--integral", "--estimator", "lattice", "--samples", 1 << 12, "--seed", 5,
+                              "--precision", precision)
+            sums[precision] = r["gradient"]
+            for k, shift in enumerate(r["gradient"]["shift"]):
+                moved = []
+                for sign in (h, -h):
+                    at = [0.0, 0.0]
+                    at[k] = sign
+                    moved.append(self.json_cli("render", "s.salt", "--integral", "--estimator", "lattice", "--samples", 1 << 12,
+                                               "--seed", 5, "--precision", "f64",
+                                               "--param", "shift=[%r,%r]" % tuple(at))["integral"][0])
+                self.assertAlmostEqual(shift, (moved[0] - moved[1]) / (2 * h), delta=10.0 ** -digits)
+        self.assertAlmostEqual(sums["f64"]["scale"], sums["f32"]["scale"], delta=1e-4)
+
     def test_converted(self):
         """A disc without a square, and where its edge is."""
         self.put("d.salt", shader("# a comment\n_0 var-x\n_1 var-y\n_2 square _0\n_3 square _1\n_4 add _2 _3\n_5 sqrt _4\n_6 const 0.75\n_7 sub _5 _6\n"
