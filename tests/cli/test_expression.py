@@ -61,6 +61,10 @@ class Expression(Case):
                                                "--param", "shift=[%r,%r]" % tuple(at))["integral"][0])
                 self.assertAlmostEqual(shift, (moved[0] - moved[1]) / (2 * h), delta=10.0 ** -digits)
         self.assertAlmostEqual(sums["f64"]["scale"], sums["f32"]["scale"], delta=1e-4)
+        # Nothing decides, so choices are not looked at by cells either, asked or not.
+        for more in ((), ("--estimator", "quadrature"), ("--interior", "quadrature")):
+            r = self.json_cli("grad", "s.salt", "--integral", "--samples", 1 << 12, "--seed", 5, "--precision", "f64", *more)
+            self.assertEqual(r["gradient"], sums["f64"])
 
     def test_converted(self):
         """A disc without a square, and where its edge is."""
