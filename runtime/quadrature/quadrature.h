@@ -15,11 +15,11 @@ bool quadrature_may(const SltScene *s);
 bool quadrature_can(const SltScene *s);
 /* False where SLT_EST_AUTO is the lattice whatever bounds say. */
 bool quadrature_hopes(const SltScene *s, const SltJob *j);
-/* SLT_EST_QUADRATURE or SLT_EST_LATTICE for a job: what SLT_EST_AUTO means there. quadrature_choose asks the program's
- * bounds alone; if they look well, quadrature_try makes cells of a few tiles, with all kernels. */
 /* Before there is any kernel: is it likely that cells will pay, where a sample decides about so many events? Each takes
  * some cells, of which an integral of few samples has none to spare. */
 bool quadrature_likely(const SltScene *s, const SltJob *j, uint64_t events);
+/* SLT_EST_QUADRATURE or SLT_EST_LATTICE for a job: what SLT_EST_AUTO means there. quadrature_choose asks the program's
+ * bounds alone; if they look well, quadrature_try makes cells of a few tiles, with all kernels. */
 SltEstimator quadrature_choose(const SltScene *s, const SltJob *j, SltStats *stats);
 SltEstimator quadrature_try(const SltScene *s, const SltJob *j, SltStats *stats);
 
