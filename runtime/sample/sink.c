@@ -376,11 +376,14 @@ static uint32_t clip(const Sink *k, Crossing *c, uint32_t n) {
     return kept;
 }
 
-/* Sorts by site, move and class. */
+/* Sorts by site, move and class. The bits of k->order: below these places the number of a crossing, its class too, its
+ * move too. */
+enum { CLASS_BIT = 32, MOVE_BIT = 36, SITE_BIT = 40 };
 static void group(Sink *k, const Crossing *c, uint32_t n) {
     assert(n <= BATCH);
     for (uint32_t i = 0; i < n; i++)
-        k->order[i] = (uint64_t)(uint32_t)c[i].event.site << 40 | (uint64_t)(c[i].move << 4 | c[i].cls) << 32 | i;
+        k->order[i] = (uint64_t)(uint32_t)c[i].event.site << SITE_BIT | (uint64_t)c[i].move << MOVE_BIT |
+                      (uint64_t)c[i].cls << CLASS_BIT | i;
     sort_keys(k->order, n);
 }
 
@@ -388,7 +391,7 @@ static void group(Sink *k, const Crossing *c, uint32_t n) {
  * sink_move(k, NULL) is due. */
 static uint32_t group_end(Sink *k, const Crossing *c, uint32_t from, uint32_t n) {
     uint32_t to = from + 1;
-    while (to < n && k->order[to] >> 32 == k->order[from] >> 32) to++;
+    while (to < n && k->order[to] >> CLASS_BIT == k->order[from] >> CLASS_BIT) to++;
     k->b->args.site = c[(uint32_t)k->order[from]].event.site;
     sink_move(k, &c[(uint32_t)k->order[from]]);
     return to;
@@ -421,16 +424,15 @@ static void emit(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n) 
 /* All groups, of those that are kept (NULL: of all). Noise asks for no class: those of one site and move go together,
  * as each of its sums gets few. */
 static void emit_groups(Sink *k, const Crossing *c, const bool *keep, uint32_t n) {
-    enum { CLASS = 36 /* bits of k->order below the move: see group */ };
     uint32_t put = 0, quiet = 0; /* entries of k->order that are out, and those of them whose noise is, too */
     for (uint32_t from = 0, to; from < n; from = to) {
-        const uint64_t key = k->order[from] >> CLASS;
+        const uint64_t key = k->order[from] >> MOVE_BIT;
         const uint32_t first = put;
         to = group_end(k, c, from, n);
         for (uint32_t i = from; i < to; i++)
             if (!keep || keep[i]) k->order[put++] = k->order[i];
         emit(k, c, k->order + first, put - first);
-        if (to < n && k->order[to] >> CLASS == key) continue;
+        if (to < n && k->order[to] >> MOVE_BIT == key) continue;
         if (k->noise[0] && put > quiet) emit_noise(k, c, k->order + quiet, put - quiet);
         quiet = put;
     }
