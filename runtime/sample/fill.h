@@ -14,6 +14,11 @@
 
 enum { FILL_OVER = 16 };
 
+/* The adjoint of a mean square. */
+static inline float pixel_loss_adjoint(double residual, double mask, double numbers) {
+    return (float)(2 * mask * residual / numbers);
+}
+
 /* What points of the recurrence become along an axis. */
 typedef struct FillAxis {
     double lo, side; /* of the axis */

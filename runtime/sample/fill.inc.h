@@ -249,7 +249,7 @@ static void mean(const double *sum, uint64_t n, uint32_t count, float *to) {
         for (uint64_t i = 0; i < n; i++) to[i] = (float)(sum[i] * part);
 }
 
-/* The adjoint of a mean square. The sum is a chain, so what can go side by side is a loop of its own. */
+/* The sum is a chain, so what can go side by side is a loop of its own. */
 #define RESIDUALS(name, weighed, halves)                                                                               \
     static double name(float *restrict half0, float *restrict half1, const float *restrict target,                     \
                        const float *restrict mask, uint64_t n, double numbers) {                                       \
@@ -262,8 +262,8 @@ static void mean(const double *sum, uint64_t n, uint32_t count, float *to) {
         for (uint64_t i = 0; i < n; i++) {                                                                             \
             const double m = weighed ? (double)mask[i] : 1, a = (double)half0[i] - (double)target[i],                  \
                          b = halves ? (double)half1[i] - (double)target[i] : a;                                        \
-            half0[i] = (float)(2 * m * b / numbers);                                                                   \
-            if (halves) half1[i] = (float)(2 * m * a / numbers);                                                       \
+            half0[i] = pixel_loss_adjoint(b, m, numbers);                                                              \
+            if (halves) half1[i] = pixel_loss_adjoint(a, m, numbers);                                                  \
         }                                                                                                              \
         return sum;                                                                                                    \
     }

@@ -11,10 +11,6 @@ typedef struct PixelLoss {
     const float *target, *mask; /* mask: NULL: 1 everywhere */
     float *image, *adjoint;     /* filled, tile by tile */
 } PixelLoss;
-/* The adjoint of a mean square. */
-static inline float pixel_loss_adjoint(double residual, double mask, double numbers) {
-    return (float)(2 * mask * residual / numbers);
-}
 
 typedef struct Interior {
     Run *run;
