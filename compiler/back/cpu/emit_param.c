@@ -115,7 +115,7 @@ static const Inst *root_of(const Inst *index) {
 static void find_runs(Emit *e, const Inst *index, uint32_t p, Part on) {
     LLVMTypeRef bits = LL(IntTypeInContext)(e->ctx, e->L), lanes = emit_vector_type(e, e->t_i1);
     Part root[BACK_MAX_PARTS], one = LL(ConstInt)(bits, 1, 0);
-    emit_parts(e, (Inst *)index, root);
+    emit_parts(e, index, root);
     Part like = LL(BuildICmp)(e->b, LLVMIntEQ, root[p], moved_up(e, root[p], 1), "");
     Part both = LL(BuildBitCast)(e->b, on, bits, "");
     /* Lanes that are off may have another index for the same integer. Bit l: from lane l - k on it is one run. */
