@@ -14,18 +14,21 @@
 #include "runtime/image/image.h"
 
 enum { N = 64 };
-static CompiledModule *compile(Session *s, Fn *fn, uint32_t width, BackPixels pixels) {
-    BackOptions o = {.width = width, .no_cache = true, .opt_level = 2, .pixels = pixels};
-    target_host(&o.target);
+static CompiledModule *compile_with(Session *s, Fn *fn, const BackOptions *o) {
     KernelRequest k = {"kernel", fn};
     CompiledModule *m = NULL;
     const char *why = "";
-    int status = back_compile(s, &k, 1, &o, &m, &why);
+    int status = back_compile(s, &k, 1, o, &m, &why);
     if (status) fprintf(stderr, "%s\n", why);
     assert_int_equal(status, 0);
     assert_true(back_instructions(m, "kernel") > 0 && back_machine_bytes(m, "kernel") > 0);
     assert_null(back_kernel(m, "other"));
     return m;
+}
+static CompiledModule *compile(Session *s, Fn *fn, uint32_t width, BackPixels pixels) {
+    BackOptions o = {.width = width, .no_cache = true, .opt_level = 2, .pixels = pixels};
+    target_host(&o.target);
+    return compile_with(s, fn, &o);
 }
 
 typedef struct Lines {
@@ -113,6 +116,58 @@ static void test_rgba8(void **state) {
             back_free(m);
             session_destroy(s);
         }
+}
+
+/* Channels that are known to give a byte go without limits: red from 0 to 1 by clamps, green from .1 to .9, blue not,
+ * however it looks: sums with 1e8 round to multiples of 8. */
+static Fn *bounded(Session *s, Precision precision) {
+    Fn *fn = ir_fn(s, &s->module, "p", precision);
+    Builder b = ir_at_end(fn, fn->body);
+    Inst *x = ir_input(&b, IN_X0), *far = ir_constf(&b, 1e8);
+    Inst *unit = ir_emit2(&b, OP_fmin, ir_emit2(&b, OP_fmax, x, ir_constf(&b, 0)), ir_constf(&b, 1));
+    Inst *few = ir_constf(&b, 4.5), *sum = ir_emit2(&b, OP_fadd, ir_emit2(&b, OP_fadd, unit, few), far);
+    Inst *blue = ir_emit2(&b, OP_fsub, ir_emit2(&b, OP_fsub, sum, far), few);
+    Inst *v[3] = {unit, ir_emit3(&b, OP_ffma, unit, ir_constf(&b, 0.8), ir_constf(&b, 0.1)), blue};
+    ir_yield(&b, 3, v);
+    return fn;
+}
+
+static void test_known_bytes(void **state) {
+    (void)state;
+    static const char *const targets[] = {"native", "avx512", "avx2", "sse2"};
+    _Alignas(64) double wide[N];
+    _Alignas(64) float x[N];
+    _Alignas(64) uint32_t out[N];
+    for (int i = 0; i < N; i++) x[i] = (float)i / 32 - 0.5f;
+    x[3] = HUGE_VALF, x[4] = 1e30f, x[5] = -HUGE_VALF, x[6] = nextafterf(1, 0), x[7] = __builtin_nanf("");
+    for (int i = 0; i < N; i++) wide[i] = (double)x[i];
+    for (uint32_t k = 0; k < 4 * 2 * 4; k++) {
+        const bool f64 = k & 1;
+        BackOptions o = {.width = 1u << (k >> 1 & 3) * 2, .no_cache = true, .opt_level = 2, .pixels = BACK_PIXELS_RAW};
+        target_host(&o.target);
+        if (!target_named(&o.target, targets[k >> 3])) continue; /* not on this processor */
+        Session *s = session_create(0);
+        Fn *fn = bounded(s, f64 ? PREC_F64 : PREC_F32);
+        CompiledModule *m = compile_with(s, fn, &o);
+        SltKernelArgs a = {.in = {[IN_X0] = f64 ? (void *)wide : x}, .out = {out}, .n_valid = N};
+        back_kernel(m, "kernel")(&a, N);
+        for (int i = 0; i < N; i++) {
+            const bool nan = isnan(x[i]);
+            const float unit = nan || x[i] < 0 ? 0 : x[i] > 1 ? 1 : x[i];
+            const uint32_t green = nan   ? 0
+                                   : f64 ? (uint32_t)(fma((double)unit, 0.8, 0.1) * 255 + 0.5)
+                                         : (uint32_t)(fmaf(unit, 0.8f, 0.1f) * 255 + 0.5f);
+            const float far = f64 || nan ? unit : ((unit + 4.5f) + 1e8f) - 1e8f - 4.5f, blue = far > 1   ? 1
+                                                                                               : far < 0 ? 0
+                                                                                                         : far;
+            assert_int_equal(out[i] >> 24, 255);
+            assert_int_equal(out[i] & 255, (uint32_t)(unit * 255 + 0.5f));
+            assert_int_equal(out[i] >> 8 & 255, green);
+            assert_true(abs((int)(out[i] >> 16 & 255) - (int)(blue * 255 + 0.5f)) <= (f64 ? 1 : 0));
+        }
+        back_free(m);
+        session_destroy(s);
+    }
 }
 
 /* Of an input that a call shares only the first is read. */
@@ -443,17 +498,12 @@ static void test_choose_width(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_print_and_count),
-        cmocka_unit_test(test_rgba8),
-        cmocka_unit_test(test_same),
-        cmocka_unit_test(test_spills_are_aligned),
-        cmocka_unit_test(test_srgb8),
-        cmocka_unit_test(test_tape_limit),
-        cmocka_unit_test(test_files),
-        cmocka_unit_test(test_bad_requests),
-        cmocka_unit_test(test_target_runs),
-        cmocka_unit_test(test_choose_width),
-        cmocka_unit_test(test_notes),
+        cmocka_unit_test(test_print_and_count),    cmocka_unit_test(test_rgba8),
+        cmocka_unit_test(test_known_bytes),        cmocka_unit_test(test_same),
+        cmocka_unit_test(test_spills_are_aligned), cmocka_unit_test(test_srgb8),
+        cmocka_unit_test(test_tape_limit),         cmocka_unit_test(test_files),
+        cmocka_unit_test(test_bad_requests),       cmocka_unit_test(test_target_runs),
+        cmocka_unit_test(test_choose_width),       cmocka_unit_test(test_notes),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -98,6 +98,11 @@ void emit_outputs(Emit *e, const Inst *yield); /* stores the outputs of the top 
 
 /* ---- emit_ops.c: value rows */
 void emit_value_op(Emit *e, Inst *i);
+/* Has the processor an instruction that makes integers of a part's floats? Then emit_converted uses it: 2^31
+ * (unsigned: all ones) where the integer does not fit or is that of a NaN, 0 in lanes out of `keep` (NULL: none). Else
+ * it gives NULL, also of unsigned ones where only signed ones are converted. */
+bool emit_converts(const Emit *e);
+Part emit_converted(Emit *e, Part a, Part keep, bool is_signed);
 void emit_value_run(Emit *e, Inst *const *run, uint32_t n); /* varying values, none of which is emitted yet */
 
 /* ---- emit_memory.c: sizes, addresses and lanes for the files below, and which of them emits an operation */

@@ -110,33 +110,38 @@ static Part high_product(Emit *e, Part a, Part b) {
 }
 
 /* ---- conversions */
-/* A register's floats as integers, as the processor converts them: 2^31 (unsigned: all ones) where the integer does not
- * fit. Lanes out of `keep` are 0; NULL: the processor has no such instruction for this shape. */
-static Part converted(Emit *e, Part a, Part keep, bool is_signed) {
-    bool wide = e->fn->precision == PREC_F64;
-    unsigned bytes = e->opt->target.vector_bytes;
+bool emit_converts(const Emit *e) {
+    const bool wide = e->fn->precision == PREC_F64;
+    const unsigned bytes = e->opt->target.vector_bytes;
+    return e->W > 1 && e->L * (wide ? 8 : 4) == bytes && !(wide && bytes == 16);
+}
+
+Part emit_converted(Emit *e, Part a, Part keep, bool is_signed) {
+    const bool wide = e->fn->precision == PREC_F64;
+    const unsigned bytes = e->opt->target.vector_bytes;
     LLVMTypeRef i = like(e, a, e->t_i32);
-    if (!is_vector_type(e, i) || e->L * (wide ? 8 : 4) != bytes) return NULL;
+    if (!is_vector_type(e, i) || !emit_converts(e) || (!is_signed && bytes < 64)) return NULL;
     if (bytes == 64) {
         const char *name =
             wide        ? is_signed ? "llvm.x86.avx512.mask.cvttpd2dq.512" : "llvm.x86.avx512.mask.cvttpd2udq.512"
             : is_signed ? "llvm.x86.avx512.mask.cvttps2dq.512"
                         : "llvm.x86.avx512.mask.cvttps2udq.512";
-        Part bits = LL(BuildBitCast)(e->b, keep, LL(IntTypeInContext)(e->ctx, e->L), "");
+        LLVMTypeRef mask = LL(IntTypeInContext)(e->ctx, e->L);
+        Part bits = keep ? LL(BuildBitCast)(e->b, keep, mask, "") : LL(ConstAllOnes)(mask);
         Part x[4] = {a, LL(ConstNull)(i), bits, emit_int(e, e->t_i32, 4 /* rounding as set */)};
         return emit_intrinsic(e, name, NULL, x, 4);
     }
-    const char *name = bytes == 32 ? wide ? "llvm.x86.avx.cvtt.pd2dq.256" : "llvm.x86.avx.cvtt.ps2dq.256"
-                       : wide      ? NULL
-                                   : "llvm.x86.sse2.cvttps2dq";
-    if (!name || !is_signed) return NULL;
-    return sel(e, keep, emit_intrinsic(e, name, NULL, &a, 1), LL(ConstNull)(i));
+    const char *name = bytes == 16 ? "llvm.x86.sse2.cvttps2dq"
+                       : wide      ? "llvm.x86.avx.cvtt.pd2dq.256"
+                                   : "llvm.x86.avx.cvtt.ps2dq.256";
+    Part r = emit_intrinsic(e, name, NULL, &a, 1);
+    return keep ? sel(e, keep, r, LL(ConstNull)(i)) : r;
 }
 
 static Part float_to_int(Emit *e, Part a, bool is_signed) {
     LLVMTypeRef i = like(e, a, e->t_i32);
     Part fast =
-        converted(e, a, is_signed ? fcmp(e, LLVMRealORD, a, a) : fcmp(e, LLVMRealOGE, a, kf(e, a, 0)), is_signed);
+        emit_converted(e, a, is_signed ? fcmp(e, LLVMRealORD, a, a) : fcmp(e, LLVMRealOGE, a, kf(e, a, 0)), is_signed);
     if (fast && !is_signed) return fast;
     if (fast) /* 2^31 - 1 where 2^31 does not fit: one less */
         return LL(BuildAdd)(e->b, fast, LL(BuildSExt)(e->b, fcmp(e, LLVMRealOGE, a, kf(e, a, 2147483648.0)), i, ""),

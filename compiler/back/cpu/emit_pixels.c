@@ -1,5 +1,6 @@
 /* 8-bit pixels packed by the kernel itself: R in the lowest byte, then G, B and 255. */
 #include "compiler/back/cpu/emit.h"
+#include "compiler/ir/range.h"
 
 const double BACK_SRGB[BACK_SRGB_TERMS] = {-0.04086402, 1.54233637, -1.64561153, 3.03261645,
                                            -3.55274765, 2.24849906, -0.58427069};
@@ -24,17 +25,37 @@ static Part at_most(Emit *e, Part x, double limit) {
     return LL(BuildSelect)(e->b, LL(BuildFCmp)(e->b, LLVMRealOLT, x, most, ""), x, most, "");
 }
 
+/* What v may be where it is no NaN, with every rounding on the way; a few operands deep. */
+static IrRange rounded_range(const Inst *v, uint32_t depth) {
+    enum { MAX_DEPTH = 8 };
+    if (v->op == OP_constf) return ir_range_const(v->imm.f);
+    if (v->type != TY_FLT || ir_ops[v->op].special || depth > MAX_DEPTH) return IR_RANGE_FINITE;
+    IrRange a[3] = {IR_RANGE_FINITE, IR_RANGE_FINITE, IR_RANGE_FINITE};
+    for (uint32_t k = 0; k < v->nargs; k++) a[k] = rounded_range(v->args[k], depth + 1);
+    IrRange r = ir_range_row((Op)v->op, a[0], a[1], a[2], v->nargs > 1 && v->args[0] == v->args[1]);
+    return (IrRange){r.lo - fabs(r.lo) * 0x1p-23, r.hi + fabs(r.hi) * 0x1p-23, r.beyond}; /* rounding is monotone */
+}
+
+/* Is v between what rounds to 0 and what rounds to 255, if it is no NaN? */
+static bool gives_byte(const Emit *e, const Inst *v) {
+    if (e->opt->pixels == BACK_PIXELS_SRGB || !emit_converts(e)) return false;
+    const IrRange r = rounded_range(v, 0);
+    return r.lo > -0.49 / 255 && r.hi < 1 + 0.49 / 255;
+}
+
 /* One 8-bit channel of every lane of a part: clamp to 0..1 (NaN gives 0), curve, scale, round half up. Without a curve
  * the upper limit comes last, which changes no byte: LLVM would draw a product into the choice, and blend under a mask
- * what is one minimum. */
-static Part channel8(Emit *e, Part x) {
+ * what is one minimum. What is known to give a byte needs no limits: INT_MIN, as of a NaN, leaves nothing in the byte
+ * either, and only the bit of alpha that is 1 above it. */
+static Part channel8(Emit *e, Part x, bool is_byte) {
     LLVMTypeRef shape = LL(TypeOf)(x), ints = emit_vector_type(e, e->t_i32);
     const bool curved = e->opt->pixels == BACK_PIXELS_SRGB;
     Part zero = emit_const_like(e, shape, e->t_flt, 0, 0, true);
-    x = LL(BuildSelect)(e->b, LL(BuildFCmp)(e->b, LLVMRealOGT, x, zero, ""), x, zero, "");
+    if (!is_byte) x = LL(BuildSelect)(e->b, LL(BuildFCmp)(e->b, LLVMRealOGT, x, zero, ""), x, zero, "");
     if (curved) x = curve(e, at_most(e, x, 1));
     x = LL(BuildFMul)(e->b, x, emit_const_like(e, shape, e->t_flt, 255, 0, true), "");
     x = LL(BuildFAdd)(e->b, x, emit_const_like(e, shape, e->t_flt, 0.5, 0, true), "");
+    if (is_byte) return emit_converted(e, x, NULL, true);
     if (!curved) x = at_most(e, x, 255.5);
     return LL(BuildFPToSI)(e->b, x, ints, "");
 }
@@ -43,12 +64,14 @@ void emit_pixels(Emit *e, const Inst *yield) {
     Part rgb[3][BACK_MAX_PARTS];
     for (uint32_t c = 0; c < 3; c++) emit_parts(e, yield->args[yield->nargs >= 3 ? c : 0], rgb[c]);
     LLVMTypeRef ints = emit_vector_type(e, e->t_i32);
+    bool is_byte[3];
+    for (uint32_t c = 0; c < 3; c++) is_byte[c] = gives_byte(e, yield->args[yield->nargs >= 3 ? c : 0]);
     Part first = emit_gep(e, e->t_i32, e->out[0], e->i);
     for (uint32_t p = 0; p < e->P; p++) {
         Part word = emit_const_like(e, ints, e->t_i32, 0, 0xff000000u, false);
         for (uint32_t c = 0; c < 3; c++) {
-            Part shifted =
-                LL(BuildShl)(e->b, channel8(e, rgb[c][p]), emit_const_like(e, ints, e->t_i32, 0, 8 * c, false), "");
+            Part byte = channel8(e, rgb[c][p], is_byte[c]);
+            Part shifted = LL(BuildShl)(e->b, byte, emit_const_like(e, ints, e->t_i32, 0, 8 * c, false), "");
             word = LL(BuildOr)(e->b, word, shifted, "");
         }
         emit_store(e, word, emit_gep(e, e->t_i32, first, emit_int(e, e->t_i64, (uint64_t)p * e->L)),
