@@ -39,6 +39,17 @@ static bool rounds(const Inst *i) {
     return i->op == OP_ffloor || i->op == OP_fceil || i->op == OP_ftrunc || i->op == OP_fround;
 }
 
+/* What (x ^ x >> by) >> by is, as hashes end in whose halves are numbers: x >> by, from 16 on. */
+static Inst *upper_half(const Inst *a, const Inst *by) {
+    if (a->op != OP_ixor || by->op != OP_consti || by->imm.i < 16 || by->imm.i > 31) return NULL;
+    for (uint32_t k = 0; k < 2; k++) {
+        Inst *half = a->args[k];
+        if (half->op == OP_ushr && half->args[0] == a->args[1 - k] && is_i(half->args[1], (int32_t)by->imm.i))
+            return half;
+    }
+    return NULL;
+}
+
 /* The value that i is equal to, bit for bit, or NULL. */
 static Inst *identity(Inst *i) {
     Inst *a = i->nargs > 0 ? i->args[0] : NULL, *b = i->nargs > 1 ? i->args[1] : NULL,
@@ -89,8 +100,8 @@ static Inst *identity(Inst *i) {
         return is_i(b, 0) ? a : NULL;
     case OP_isub:
     case OP_ishl:
-    case OP_ishr:
-    case OP_ushr: return is_i(b, 0) ? a : NULL;
+    case OP_ishr: return is_i(b, 0) ? a : NULL;
+    case OP_ushr: return is_i(b, 0) ? a : upper_half(a, b);
     case OP_imul:
         if (is_i(a, 1)) return b;
         if (is_i(b, 1)) return a;
