@@ -14,16 +14,26 @@
 #define STRING(x) STRING_(x)
 #define MAJOR STRING(LLVM_VERSION_MAJOR)
 
-/* The file that was there when this was built, then whatever the loader knows by its names. */
+/* What was linked for us (cmake/llvm.cmake), the file that was there when this was built, then whatever the loader
+ * knows by its names. */
 static const char *const files[] = {
+#ifdef SALTUS_LLVM_INSTALLED
+    SALTUS_LLVM_INSTALLED,
+#endif
+#ifdef SALTUS_LLVM_BUILT
+    SALTUS_LLVM_BUILT,
+#endif
 #ifdef SALTUS_LLVM_LIBRARY
     SALTUS_LLVM_LIBRARY,
 #endif
-    "libLLVM.so." MAJOR "." STRING(LLVM_VERSION_MINOR), "libLLVM-" MAJOR ".so", "libLLVM-" MAJOR ".so.1"};
+    "libLLVM.so." MAJOR "." STRING(LLVM_VERSION_MINOR),
+    "libLLVM-" MAJOR ".so",
+    "libLLVM-" MAJOR ".so.1"};
 
 const char *back_llvm_file(void) {
-    bool absolute = files[0][0] == '/';
-    return absolute && access(files[0], R_OK) == 0 ? files[0] : files[absolute];
+    const char *const *f = files;
+    while (f[0][0] == '/' && access(f[0], R_OK) != 0) f++; /* the last ones are names */
+    return *f;
 }
 
 const char *llvm_open(LlvmApi *api, bool *no_memory) {
