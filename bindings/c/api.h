@@ -23,8 +23,9 @@ typedef struct GeometryState {
 typedef struct DerivedState DerivedState;       /* derived.h */
 typedef struct GradientKernels GradientKernels; /* turns.c */
 
-/* Kernels that may never be called: those of lines, where cells integrate. Their IR is there, since layouts and
- * geometries follow from it; LLVM compiles them, all together, when one of them is called. */
+/* Kernels that may never be called: those of lines, where cells integrate; that of the value, where f comes with its
+ * adjoints. Their IR is there, since layouts and geometries follow from it; LLVM compiles them when one of them is
+ * called, that of the value alone and all others together. */
 typedef struct LateKernels {
     pthread_mutex_t lock; /* of all, while an estimate runs */
     KernelRequest request[K_KINDS];
@@ -33,7 +34,7 @@ typedef struct LateKernels {
     uint64_t few, plain;
     unsigned level;
     SltKernel *kernel[K_KINDS]; /* compiled, and not yet in the scene */
-    CompiledModule *module;     /* theirs */
+    CompiledModule *module[K_KINDS];
     SltError error;
 } LateKernels;
 
@@ -123,10 +124,10 @@ CompiledModule *api_compile_module(SltProgram *p, Session *s, const KernelReques
                                    uint64_t plain, unsigned level, SltError *err);
 
 /* ---- late.c */
-bool api_late_any(const SltProgram *p, const bool needs[K_KINDS]); /* do any of these wait? */
-SltStatus api_late_compile(SltProgram *p, SltError *err);          /* all that wait, now */
-SltKernel *api_late_make(void *program, int kind);                 /* SltScene.make */
-void api_late_settle(SltProgram *p); /* behind a call: what it made takes its place in the scene */
+/* Those that wait and are needed now; late: which may go on waiting, NULL: none. */
+SltStatus api_late_compile(SltProgram *p, const bool needs[K_KINDS], const bool *late, SltError *err);
+SltKernel *api_late_make(void *program, int kind); /* SltScene.make */
+void api_late_settle(SltProgram *p);               /* behind a call: what it made takes its place in the scene */
 void api_late_free(SltProgram *p);
 
 /* cull_check.c: warns of [Cull] loops that do something outside their boxes. After the bounds of these are lowered. */

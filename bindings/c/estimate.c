@@ -106,8 +106,12 @@ static SltStatus begin_render(ApiCall *c, SltProgram *p, const SltJob *job, SltS
     return s != SLT_OK ? s : api_call_kernels(c, needs);
 }
 
-static SltStatus begin_gradient(ApiCall *c, SltProgram *p, const SltJob *job, bool forward, SltStats *stats,
+/* What a gradient is of. */
+typedef enum Gradient { OF_IMAGE, OF_LOSS, OF_INTEGRAL } Gradient;
+
+static SltStatus begin_gradient(ApiCall *c, SltProgram *p, const SltJob *job, Gradient of, SltStats *stats,
                                 SltError *err) {
+    const bool forward = of == OF_IMAGE;
     bool needs[K_KINDS], soon[K_KINDS];
     SltStatus s = begin(c, p, job, stats, err);
     if (s != SLT_OK) return s;
@@ -118,10 +122,11 @@ static SltStatus begin_gradient(ApiCall *c, SltProgram *p, const SltJob *job, bo
     s = settle(c, soon);
     if (s != SLT_OK) return s;
     gradient_needs(p, &c->job, forward, needs);
-    static const bool of_lists[K_KINDS] = {[K_BOUNDS] = true};
     const bool narrows = !needs[K_BOUNDS] && narrows_lists(p, &c->job);
     needs[K_BOUNDS] |= narrows;
-    return api_call_kernels_late(c, needs, by_cells(&c->job) ? of_lines : narrows ? of_lists : NULL);
+    if (by_cells(&c->job)) return api_call_kernels_late(c, needs, of_lines);
+    bool late[K_KINDS] = {[K_BOUNDS] = narrows, [K_VALUE] = of == OF_INTEGRAL && needs[K_VJP]};
+    return api_call_kernels_late(c, needs, late);
 }
 
 /* Where single precision tells too few places apart, or cannot hold their squares, the caller is told. */
@@ -192,7 +197,7 @@ static uint64_t counted(const ApiCall *c) { return c->stats ? c->stats->evaluati
 SltStatus slt_grad_images(SltProgram *p, const SltJob *job, uint32_t ndir, const double *const *dirs, float *const *out,
                           float *crossings, SltStats *stats, SltError *err) {
     ApiCall c;
-    SltStatus s = begin_gradient(&c, p, job, true, stats, err);
+    SltStatus s = begin_gradient(&c, p, job, OF_IMAGE, stats, err);
     if (s == SLT_OK) note_ulps(&c, false);
     uint64_t before = counted(&c);
     double **wide = NULL;
@@ -228,7 +233,7 @@ SltStatus slt_grad_adjoint(SltProgram *p, const SltJob *job, const float *adjoin
                            double *stderr_bound, SltStats *stats, SltError *err) {
     const float *both[2] = {adjoint, adjoint};
     ApiCall c;
-    SltStatus s = begin_gradient(&c, p, job, false, stats, err);
+    SltStatus s = begin_gradient(&c, p, job, OF_LOSS, stats, err);
     if (s == SLT_OK) note_ulps(&c, false);
     uint64_t before = counted(&c);
     if (s == SLT_OK) {
@@ -246,7 +251,7 @@ SltStatus slt_grad_adjoint(SltProgram *p, const SltJob *job, const float *adjoin
 SltStatus slt_grad_loss(SltProgram *p, const SltJob *job, const float *target, const float *mask, double *loss,
                         double *gradient, double *stderr_bound, float *image, SltStats *stats, SltError *err) {
     ApiCall c;
-    SltStatus s = begin_gradient(&c, p, job, false, stats, err);
+    SltStatus s = begin_gradient(&c, p, job, OF_LOSS, stats, err);
     if (s == SLT_OK) note_ulps(&c, false);
     uint64_t before = counted(&c);
     if (s == SLT_OK) {
@@ -311,7 +316,7 @@ SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, 
     SltIntegral wanted = SLT_INTEGRAL_INIT;
     if (!api_struct_read(&wanted, sizeof wanted, out)) return api_struct_unknown(err, "SltIntegral");
     ApiCall c;
-    SltStatus s = begin_gradient(&c, p, job, false, stats, err);
+    SltStatus s = begin_gradient(&c, p, job, OF_INTEGRAL, stats, err);
     if (s == SLT_OK) note_ulps(&c, true);
     uint64_t before = counted(&c);
     uint8_t *met = s == SLT_OK ? calloc(p->scene.nsites + 1, 1) : NULL;
@@ -343,7 +348,7 @@ SltStatus slt_crossing(SltProgram *p, const SltJob *job, const double a[3], cons
     values.floats = own.floats, values.ints = own.ints, values.estimator = SLT_EST_LATTICE;
     ApiCall c;
     SltCrossing found = SLT_CROSSING_INIT;
-    SltStatus s = begin_gradient(&c, p, &values, true, NULL, err);
+    SltStatus s = begin_gradient(&c, p, &values, OF_IMAGE, NULL, err);
     if (s == SLT_OK) s = slt_estimate_crossing(&p->scene, a, b, stream, &found, err);
     if (s == SLT_OK) api_struct_write(out, &found, sizeof found);
     return api_call_end(&c, s);

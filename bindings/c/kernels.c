@@ -394,7 +394,7 @@ static SltStatus make_kernels(SltProgram *p, const bool needs[K_KINDS], const bo
     /* The two adjoint kernels share a layout: they are compiled together. */
     if (q.needs[K_VJP] != q.needs[K_SITE_VJP] && needs[K_VJP] && needs[K_SITE_VJP])
         q.needs[K_VJP] = q.needs[K_SITE_VJP] = true;
-    if (any && p->nmodules + 3 >= sizeof p->modules / sizeof *p->modules)
+    if (any && p->nmodules + 4 >= sizeof p->modules / sizeof *p->modules)
         api_free_kernels(p), memcpy(q.needs, needs, sizeof q.needs);
     for (int k = 0; k < K_KINDS; k++) q.soon[k] = soon && soon[k];
     if (any) {
@@ -403,7 +403,7 @@ static SltStatus make_kernels(SltProgram *p, const bool needs[K_KINDS], const bo
         if (unwound) return status_fail(err, (SltStatus)unwound, "%s", p->session->unwind_text);
         if (q.status != SLT_OK) return q.status;
     }
-    SltStatus status = !late && api_late_any(p, needs) ? api_late_compile(p, err) : SLT_OK;
+    SltStatus status = api_late_compile(p, needs, late, err);
     if (status != SLT_OK) return status;
     fill_scene(p);
     status = api_derived_kernels(p, needs, err);

@@ -5,27 +5,49 @@
 
 #include "bindings/c/api.h"
 
-bool api_late_any(const SltProgram *p, const bool needs[K_KINDS]) {
-    for (uint32_t i = 0; i < p->late.n; i++)
-        if (needs[p->late.kind[i]]) return true;
-    return false;
+/* Some of those that wait, as one module. */
+typedef struct Some {
+    SltProgram *p;
+    KernelRequest request[K_KINDS];
+    SltKernelKind kind[K_KINDS];
+    uint32_t n;
+    uint64_t few, plain;
+} Some;
+
+static void compile_body(Session *s, void *some) {
+    const Some *q = some;
+    LateKernels *l = &q->p->late;
+    CompiledModule *m = api_compile_module(q->p, s, q->request, q->n, q->few, q->plain, l->level, &l->error);
+    for (uint32_t i = 0; i < q->n && m; i++)
+        l->kernel[q->kind[i]] = back_kernel(m, kernel_names[q->kind[i]]), l->module[q->kind[i]] = m;
 }
 
-static void compile_body(Session *s, void *program) {
-    SltProgram *p = program;
-    LateKernels *l = &p->late;
-    l->module = api_compile_module(p, s, l->request, l->n, l->few, l->plain, l->level, &l->error);
-    for (uint32_t i = 0; i < l->n && l->module; i++)
-        l->kernel[l->kind[i]] = back_kernel(l->module, kernel_names[l->kind[i]]);
+/* Takes those out that go with the value kernel, which is alone, or those that do not. */
+static void take(LateKernels *l, bool value, Some *to) {
+    uint32_t left = 0;
+    uint64_t few = 0, plain = 0;
+    for (uint32_t i = 0; i < l->n; i++) {
+        const bool of = (l->kind[i] == SLT_K_VALUE) == value;
+        const uint64_t is_few = l->few >> i & 1, is_plain = l->plain >> i & 1;
+        if (of) {
+            to->few |= is_few << to->n, to->plain |= is_plain << to->n;
+            to->kind[to->n] = l->kind[i], to->request[to->n++] = l->request[i];
+            continue;
+        }
+        few |= is_few << left, plain |= is_plain << left;
+        l->kind[left] = l->kind[i], l->request[left++] = l->request[i];
+    }
+    l->n = left, l->few = few, l->plain = plain;
 }
 
 /* Under the lock, or where there is one thread. What could not be compiled is not tried again. */
-static SltStatus compile(SltProgram *p) {
+static SltStatus compile(SltProgram *p, bool value) {
     LateKernels *l = &p->late;
-    if (!l->n) return l->error.status;
-    int unwound = session_protect(p->session, compile_body, p);
+    Some some = {.p = p};
+    take(l, value, &some);
+    if (!some.n) return l->error.status;
+    int unwound = session_protect(p->session, compile_body, &some);
     if (unwound) status_fail(&l->error, (SltStatus)unwound, "%s", p->session->unwind_text);
-    l->n = 0, l->few = l->plain = 0;
     return l->error.status;
 }
 
@@ -33,7 +55,7 @@ SltKernel *api_late_make(void *program, int kind) {
     SltProgram *p = program;
     LateKernels *l = &p->late;
     pthread_mutex_lock(&l->lock);
-    SltStatus status = compile(p);
+    SltStatus status = compile(p, kind == K_VALUE);
     if (status != SLT_OK && p->error.status == SLT_OK) p->error = l->error;
     /* Above many sites `site_grad` serves for `site`. */
     SltKernel *k = l->kernel[kind == K_SITE && !l->kernel[kind] ? K_SITE_GRAD : kind];
@@ -43,22 +65,28 @@ SltKernel *api_late_make(void *program, int kind) {
 
 void api_late_settle(SltProgram *p) {
     LateKernels *l = &p->late;
-    if (!l->module) return;
+    bool sites = l->kernel[K_SITE_GRAD] != NULL;
     for (int k = 0; k < K_KINDS; k++)
-        if (l->kernel[k]) p->scene.kernel[k] = l->kernel[k], p->module_of[k] = l->module, l->kernel[k] = NULL;
-    if (p->scene.kernel[K_SITE] == slt_kernel_late) p->scene.kernel[K_SITE] = p->scene.kernel[K_SITE_GRAD];
-    l->module = NULL;
+        if (l->kernel[k]) p->scene.kernel[k] = l->kernel[k], p->module_of[k] = l->module[k], l->kernel[k] = NULL;
+    if (sites && p->scene.kernel[K_SITE] == slt_kernel_late) p->scene.kernel[K_SITE] = p->scene.kernel[K_SITE_GRAD];
 }
 
-SltStatus api_late_compile(SltProgram *p, SltError *err) {
-    SltStatus status = compile(p);
-    if (status != SLT_OK) return status_fail(err, status, "%s", p->late.error.text);
+SltStatus api_late_compile(SltProgram *p, const bool needs[K_KINDS], const bool *late, SltError *err) {
+    bool any[2] = {false};
+    for (uint32_t i = 0; i < p->late.n; i++) {
+        const SltKernelKind k = p->late.kind[i];
+        any[k == SLT_K_VALUE] |= needs[k] && !(late && late[k]);
+    }
+    for (int value = 0; value < 2; value++) {
+        SltStatus status = any[value] ? compile(p, value) : SLT_OK;
+        if (status != SLT_OK) return status_fail(err, status, "%s", p->late.error.text);
+    }
     api_late_settle(p);
     return SLT_OK;
 }
 
 void api_late_free(SltProgram *p) {
     LateKernels *l = &p->late;
-    l->n = 0, l->few = l->plain = 0, l->module = NULL, l->error = (SltError){0};
+    l->n = 0, l->few = l->plain = 0, l->error = (SltError){0};
     memset(l->kernel, 0, sizeof l->kernel);
 }
