@@ -246,6 +246,21 @@ static bool any_tied(Sink *k, const Crossing *c, const uint64_t *order, const ui
     return any;
 }
 
+/* Those of the suspects that are not alone, to the front: few, which are then searched for together. */
+static uint32_t find_moved(Sink *k, const Crossing *c, const uint64_t *order, uint32_t *suspect, uint32_t n) {
+    Coincide *q = &k->coincide;
+    uint32_t kept = 0;
+    for (uint32_t from = 0; from < n; from += UNTIE_MOST) {
+        uint32_t which[UNTIE_MOST], some = n - from < UNTIE_MOST ? n - from : UNTIE_MOST;
+        bool alone[UNTIE_MOST];
+        for (uint32_t i = 0; i < some; i++) which[i] = (uint32_t)order[suspect[from + i]];
+        untie_alone(q->untie, q->apart, c, which, some, alone);
+        for (uint32_t i = 0; i < some; i++)
+            if (!alone[i]) suspect[kept++] = suspect[from + i];
+    }
+    return kept;
+}
+
 void coincide_settle(Sink *k, const Crossing *c, const uint64_t *order, bool *keep, uint32_t n) {
     Coincide *q = &k->coincide;
     uint32_t suspect[BATCH], suspects = q->apart ? find_suspects(k, c, order, keep, n, suspect) : 0;
@@ -257,6 +272,7 @@ void coincide_settle(Sink *k, const Crossing *c, const uint64_t *order, bool *ke
     }
     /* Edges that lie on each other and are hidden are many, and silent. */
     if (!any_tied(k, c, order, suspect, suspects, c->silent ? ASKED_SILENT : ASKED)) return;
+    if (suspects > UNTIE_MOST) suspects = find_moved(k, c, order, suspect, suspects);
     for (uint32_t from = 0; from < suspects; from += UNTIE_MOST)
         untie_some(k, c, order, keep, suspect + from, suspects - from < UNTIE_MOST ? suspects - from : UNTIE_MOST);
     q->nparts = coincide_weigh(k, q->part, q->nparts), q->nhalves = coincide_weigh(k, q->half, q->nhalves);

@@ -48,7 +48,7 @@ bool apart_new(const SltScene *s, uint32_t seed, double step, Apart **out) {
     /* Forth and back, because one boundary may hide behind the other; along two directions, because along one both may
      * happen to move alike. */
     for (uint32_t m = 0; m < UNTIE_WAYS && ok; m++) {
-        for (uint32_t p = 0; p < s->nfloats; p++) {
+        for (uint32_t p = 0; p < s->nfloats && !(m & 1); p++) { /* back along the same direction */
             uint32_t u[4];
             if (!s->active[p]) continue;
             rng_block(seed, RNG_COINCIDE, m / 2, p, u);
@@ -289,23 +289,35 @@ static void combine(const Order order[UNTIE_WAYS], uint32_t channels, double rou
     if (!t->kink) doubt(order, channels, t);
 }
 
+static void move_all(Untie *u, const Apart *apart, const Crossing *c, const uint32_t *which, uint32_t n, bool *alone) {
+    for (uint32_t i = 0; i < n; i++) alone[i] = true;
+    for (u->move = 0; u->move < UNTIE_WAYS; u->move++) {
+        untie_use(u->b, &apart->move[u->move].scene);
+        find_ways(u, c, which, n), find_alone(u, c, which, n, alone);
+    }
+}
+
+void untie_alone(Untie *u, const Apart *apart, const Crossing *c, const uint32_t *which, uint32_t n, bool *alone) {
+    Batch *b = u->b;
+    const SltCullList *lists = b->args.cull; /* good where nothing has moved */
+    b->args.cull = NULL;
+    move_all(u, apart, c, which, n, alone);
+    untie_use(b, b->s);
+    b->args.cull = lists;
+}
+
 bool untie(Untie *u, const Apart *apart, const Crossing *c, const uint32_t *which, uint32_t n, const double *room,
            Tie *tie) {
     Batch *b = u->b;
-    const SltCullList *lists = b->args.cull; /* good where nothing has moved */
+    const SltCullList *lists = b->args.cull;
     bool done[UNTIE_MOST], again[UNTIE_MOST];
     double reach[UNTIE_MOST] = {0},
            rounding = 3 * u->width * (b->f64 ? DBL_EPSILON : (double)FLT_EPSILON); /* of places */
     b->args.cull = NULL;
     u->c = c, u->which = which;
-    for (uint32_t i = 0; i < n; i++) {
-        done[i] = true;
+    for (uint32_t i = 0; i < n; i++)
         for (uint32_t m = 0; m < UNTIE_WAYS; m++) u->order[i][m].whole = false, u->order[i][m].n = 0;
-    }
-    for (u->move = 0; u->move < UNTIE_WAYS; u->move++) {
-        untie_use(b, &apart->move[u->move].scene);
-        find_ways(u, c, which, n), find_alone(u, c, which, n, done);
-    }
+    move_all(u, apart, c, which, n, done);
     for (uint32_t i = 0; i < n; i++) {
         for (uint32_t m = 0; m < UNTIE_WAYS; m++) reach[i] = fmax(reach[i], AROUND * fabs(u->way[i][m]));
         reach[i] = fmax(fmax(reach[i], LEAST * apart->step * u->width), 4 * c[which[i]].bracket);

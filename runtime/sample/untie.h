@@ -66,5 +66,8 @@ void untie_free(Untie *u);
  * may be near, which look like a kink; NULL: anything goes. False when memory runs out. */
 bool untie(Untie *u, const Apart *apart, const Crossing *c, const uint32_t *which, uint32_t n, const double *room,
            Tie *tie);
+/* alone[i]: the regions on both sides of c[which[i]], n <= UNTIE_MOST, are after each move still what they were, where
+ * its own boundary has gone. Untying it would say so, and nothing else. */
+void untie_alone(Untie *u, const Apart *apart, const Crossing *c, const uint32_t *which, uint32_t n, bool *alone);
 
 #endif
