@@ -14,7 +14,7 @@
 /* 64-byte aligned zeros. Of a large block the system gives only the pages that are touched: a heightfield of a million
  * heights has adjoints in the log alone, and of the buffers of a worker many stay empty. A small one comes from the
  * heap, whose pages are there already in the next call. */
-enum { FEW_BYTES = 1 << 16 };
+enum { FEW_BYTES = 1 << 19 };
 
 enum { FOLD = 1 << 13 }; /* entries of a log, which then still lies in a cache */
 /* Entries of one that a call may fill by as much as queries tell, or would have to run twice. The system gives those

@@ -34,6 +34,12 @@ bool boundary_in_order(const Run *r) {
     return estimators[r->j->estimator] == lattice_run && r->grid.integral && r->s->dim > 1 && !r->s->uses_rand;
 }
 
+/* Workers are memory that is touched for nothing where there is a tile for one of them alone. */
+static uint64_t most_tiles(const Boundary *y) {
+    if (y->windows) return y->windows->n;
+    return estimators[y->run->j->estimator] == lattice_run ? lattice_tiles(y) : UINT32_MAX;
+}
+
 #define STEP 0x1p-15 /* by which parameters are moved, for boundaries that coincide: no less, whatever is known of roots */
 
 SltStatus boundary_run(Boundary *y, SinkKind kind) {
@@ -48,7 +54,7 @@ SltStatus boundary_run(Boundary *y, SinkKind kind) {
     uint32_t accums = kind == SINK_INTEGRAL  ? sums * s->channels
                       : kind == SINK_REVERSE ? y->classes + y->misses + (y->noise[0] ? PARTS_NOISE : 0)
                                              : 0;
-    SltStatus st = run_workers(r, UINT32_MAX, accums, kind);
+    SltStatus st = run_workers(r, most_tiles(y), accums, kind);
     double lines = pow(y->segments / s->dim, 1.0 / s->dim) * (r->grid.integral ? 1 : r->grid.n[0]);
     double step = coincide_step(root_tolerance(run_is_coarse(r)) / fmax(1, lines), STEP);
     if (st == SLT_OK && !(coincide_begin(r, step) && twins_begin(r)))

@@ -42,6 +42,8 @@ SltStatus boundary_run(Boundary *y, SinkKind kind);
 typedef SltStatus BoundaryRun(Boundary *y, SinkKind kind);
 #define SLT_ESTIMATOR(id, name, run, ...) BoundaryRun run;
 #include "saltus/estimators.def"
+/* lattice.c: how many tiles it cuts the domain into; there may be workers for so many. */
+uint64_t lattice_tiles(const Boundary *y);
 /* Are the lines of all replicates together evenly spaced, so that replicates do not err independently? Then sketches
  * (sketch.h) tell how the lines of an integral err. */
 bool boundary_in_order(const Run *r);

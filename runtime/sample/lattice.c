@@ -498,23 +498,15 @@ static void begin_sketches(const Lattice *l, const uint32_t shift[4]) {
     for (uint32_t i = 0; i < y->run->nworkers; i++) y->run->worker[i].sink.sketch = k;
 }
 
-SltStatus lattice_run(Boundary *y, SinkKind kind) {
-    const SltScene *s = y->run->s;
-    const Grid *g = &y->run->grid;
-    /* Where rand() is called, points of different lines must not share a stream. In a volume a lattice of n^3 vertices
-     * has so few lines a side that flat faces along the axes are off by 1/n: lines spread evenly over the
-     * cross-sections are several times better at the same number of segments. */
-    if (s->uses_rand || (s->dim == 3 && g->integral)) return scanline_run(y, kind);
-    Lattice l = {.y = y};
-    double per_axis = pow(y->segments / s->dim, 1.0 / s->dim);
+/* Sets n, tile and tiles; returns the number of all. */
+static uint64_t cut_tiles(Lattice *l) {
+    const SltScene *s = l->y->run->s;
+    const Grid *g = &l->y->run->grid;
+    double per_axis = pow(l->y->segments / s->dim, 1.0 / s->dim);
     uint64_t tiles = 1;
-    uint32_t shift[4];
-    rng_block(y->run->j->seed, RNG_LATTICE, 0, 0, shift);
     for (uint32_t d = 0; d < s->dim; d++) {
         double n = round(per_axis * (g->integral ? 1 : g->n[d]));
-        l.n[d] = n < 1 ? 1 : n > 1e9 ? 1000000000u : (uint32_t)n;
-        l.h[d] = (s->hi[d] - s->lo[d]) / l.n[d];
-        l.shift[d] = stratified_shift(rng_unit(shift[d]), y->replicate, y->replicates, d);
+        l->n[d] = n < 1 ? 1 : n > 1e9 ? 1000000000u : (uint32_t)n;
         /* A tile is about 64 pixels a side, so that a tile's crossings touch few pixels; even, for the pairs of the
          * half-resolution lines. */
         uint32_t most = s->dim == 1 ? 4096 : s->dim == 2 ? 128 : 24, want = s->dim == 1 ? 4096 : s->dim == 2 ? 64 : 16;
@@ -523,9 +515,34 @@ SltStatus lattice_run(Boundary *y, SinkKind kind) {
             want = t < 8 ? 8 : t > most ? most : (uint32_t)t & ~1u;
         }
         if (s->nfloats > 1u << 16 && s->dim < 3 && !s->ncull) want = most;
-        l.tile[d] = want;
-        l.tiles[d] = (l.n[d] + 1 + want - 1) / want;
-        tiles *= l.tiles[d];
+        l->tile[d] = want;
+        l->tiles[d] = (l->n[d] + 1 + want - 1) / want;
+        tiles *= l->tiles[d];
+    }
+    return tiles;
+}
+
+/* Where rand() is called, points of different lines must not share a stream. In a volume a lattice of n^3 vertices has
+ * so few lines a side that flat faces along the axes are off by 1/n: lines spread evenly over the cross-sections are
+ * several times better at the same number of segments. */
+static bool by_scanlines(const Run *r) { return r->s->uses_rand || (r->s->dim == 3 && r->grid.integral); }
+
+uint64_t lattice_tiles(const Boundary *y) {
+    Boundary of = *y;
+    Lattice l = {.y = &of};
+    return by_scanlines(y->run) ? UINT32_MAX : cut_tiles(&l);
+}
+
+SltStatus lattice_run(Boundary *y, SinkKind kind) {
+    const SltScene *s = y->run->s;
+    if (by_scanlines(y->run)) return scanline_run(y, kind);
+    Lattice l = {.y = y};
+    uint64_t tiles = cut_tiles(&l);
+    uint32_t shift[4];
+    rng_block(y->run->j->seed, RNG_LATTICE, 0, 0, shift);
+    for (uint32_t d = 0; d < s->dim; d++) {
+        l.h[d] = (s->hi[d] - s->lo[d]) / l.n[d];
+        l.shift[d] = stratified_shift(rng_unit(shift[d]), y->replicate, y->replicates, d);
     }
     for (uint32_t d = 0; d < s->dim; d++) {
         l.base[d] = 1;

@@ -32,11 +32,6 @@ typedef struct Probes {
     uint32_t n;
 } Probes;
 
-bool near_init(Worker *w) {
-    w->probes = alloc_zero(1, sizeof(Probes));
-    return w->probes != NULL;
-}
-
 /* The lines through the outer slopes meet inside the edge, below zero. */
 static bool meets(Candidate *c) {
     if (!(c->s0 < 0 && c->s1 > 0)) return false;
@@ -61,6 +56,10 @@ bool near_aims(const double g[4], const double pos[4], double at[NEAR_AIMS]) {
 }
 
 static void add(Worker *w, const Candidate *c) {
+    if (!w->probes && !(w->probes = alloc_zero(1, sizeof(Probes)))) {
+        w->finder.failed = true;
+        return;
+    }
     Probes *p = w->probes;
     assert(p->n < FIND);
     p->c[p->n++] = *c;

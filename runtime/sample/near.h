@@ -22,6 +22,5 @@ void near_flush(Worker *w);
 /* |g| at four vertices in a row: where between the inner two the region is evaluated. False: nowhere. */
 enum { NEAR_AIMS = 2 };
 bool near_aims(const double g[4], const double pos[4], double at[NEAR_AIMS]);
-bool near_init(Worker *w); /* false: memory ran out */
 
 #endif

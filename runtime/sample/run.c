@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "runtime/sample/alloc.h"
-#include "runtime/sample/near.h"
 #include "runtime/sample/run.h"
 
 PoolOptions pool_of_job(const SltJob *j, uint32_t threads) {
@@ -71,7 +70,6 @@ static bool worker_init(Run *r, Worker *w, uint32_t accums, SinkKind kind) {
     if (!finder_init(&w->finder, &w->batch)) return false;
     if (!sink_init(&w->sink, kind, &w->batch, &w->acc, &w->finder, &r->grid)) return false;
     w->finder.full = sink_take, w->finder.silent_full = sink_take_silent, w->finder.full_user = &w->sink;
-    if (scene_outputs(r->s, SLT_K_REGION, SLT_OUT_NEAR_SITE) && !near_init(w)) return false;
     if (follows(r) && !(w->follow = w->sink.follow = follow_new())) return false;
     return narrow_init(&w->narrow, r->s) && cull_lists_init(&w->cull, &r->cull);
 }

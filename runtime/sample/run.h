@@ -32,7 +32,7 @@ struct Worker {
     uint64_t vertex_cap; /* vertices that there is room for */
     double *value;       /* pixels or sums of the tile */
     uint64_t value_cap;
-    struct Probes *probes; /* candidates of near.c */
+    struct Probes *probes; /* candidates of near.c; NULL: none so far */
     Follow *follow;        /* NULL: fingers are not followed */
     TailTile tail;         /* of interior_integral */
     Narrowed narrow;       /* lists of its parts, */
