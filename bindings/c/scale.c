@@ -53,10 +53,24 @@ static void born(const Inst *i, const void *const *slot, uint32_t k, Lost *to) {
     if (product && exact != 0 && fabs(exact) < (double)FLT_MIN && is_low(r)) to->low |= 1ull << k;
 }
 
+/* Is r in each of the lanes what most numbers are, neither low nor infinite? Then nothing is lost. */
+static bool is_usual(const float *r) {
+    int unusual = 0;
+    for (uint32_t k = 0; k < LANES; k++) {
+        float size = fabsf(r[k]);
+        unusual |= !(size >= FLT_MIN) | !(size <= FLT_MAX);
+    }
+    return !unusual;
+}
+
 static void see(void *user, const Inst *i, const void *const *slot, const uint8_t *on) {
     Scale *s = user;
     const bool asks = i->op == OP_fsqrt || i->op == OP_frsqrt || i->op == OP_site, number = i->type == TY_FLT;
     if (!asks && !number) return;
+    if (!asks && is_usual(slot[i->id])) { /* in lanes that are off there is some number, too */
+        s->lost[i->id] = (Lost){0};
+        return;
+    }
     Lost from = {0}, to = {0};
     for (uint32_t a = 0; a < i->nargs; a++)
         if (i->args[a]->type == TY_FLT)

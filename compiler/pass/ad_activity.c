@@ -22,9 +22,7 @@ bool ad_slot_in_wrt(const AdOptions *o, const Inst *param) {
         k = k < 0 ? 0 : k >= (int64_t)count ? (int64_t)count - 1 : k;
         return o->wrt[base + k] != 0;
     }
-    for (uint32_t k = 0; k < count; k++)
-        if (o->wrt[base + k]) return true;
-    return false;
+    return walk_any_marked(o->wrt, param);
 }
 
 bool ad_makes_infinite(const AdFacts *f, const Block *b) {

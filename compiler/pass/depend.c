@@ -1,10 +1,12 @@
 /* A forward data flow: one walk in program order, repeated until nothing changes. */
 #include "compiler/pass/depend.h"
 
+#include "compiler/pass/walk.h"
+
 typedef struct Flow {
     DependOptions options;
-    Depend *of; /* by id */
-    bool changed;
+    Depend *of;               /* by id */
+    bool changed, comes_back; /* to what the walk has passed: by loops and stores */
 } Flow;
 
 bool depend_merge(Depend *to, const Depend *from) {
@@ -28,10 +30,7 @@ static void add_flags(Flow *f, const Inst *to, uint8_t on) { add(f, to, &(Depend
 static void add_value(Flow *f, const Inst *to, const Inst *from) { add(f, to, &f->of[from->id]); }
 
 static bool differentiated(const Flow *f, const Inst *param) {
-    if (!f->options.wrt) return true;
-    for (uint32_t k = 0; k < param->imm.slot.count; k++)
-        if (f->options.wrt[param->imm.slot.base + k]) return true;
-    return false;
+    return !f->options.wrt || walk_any_marked(f->options.wrt, param);
 }
 
 /* What a derived array is computed from. */
@@ -100,7 +99,10 @@ bool depend_jumps(const Depend *of, const Inst *i) {
 
 /* What it depends on for its operands' sake. */
 static void flow_operands(Flow *f, const Inst *i) {
-    bool site = i->op == OP_site || i->op == OP_siten;
+    bool site = i->op == OP_site || i->op == OP_siten, named = false;
+    uint8_t on = 0;
+    for (uint32_t a = 0; a < i->nargs; a++) on |= f->of[i->args[a]->id].on, named |= f->of[i->args[a]->id].nnamed != 0;
+    if (!named && !(on & ~f->of[i->id].on) && !depend_jumps(f->of, i)) return; /* as most walks find it */
     Depend d = {0};
     for (uint32_t a = 0; a < i->nargs; a++) {
         Depend arg = f->of[i->args[a]->id];
@@ -118,6 +120,7 @@ static void flow(Flow *f, Block *b, Depend control, Depend exits);
 static void flow_loop(Flow *f, Inst *i, Depend control, Depend exits) {
     Block *body = i->region[0];
     const Inst *exit = body->last->args[0];
+    f->comes_back = true;
     for (uint32_t p = 1; p < body->nparams; p++) {
         add_value(f, body->params[p], i->args[p - 1]);
         add_value(f, body->params[p], body->last->args[p]);
@@ -160,11 +163,13 @@ static void flow(Flow *f, Block *b, Depend control, Depend exits) {
             break;
         }
         case OP_store:
+            f->comes_back = true;
             add_value(f, i->args[0], i->args[1]);
             add_value(f, i->args[0], i->args[2]);
             add(f, i->args[0], &control);
             break;
         case OP_acopy:
+            f->comes_back = true;
             add_value(f, i->args[0], i->args[1]);
             add(f, i->args[0], &control);
             break;
@@ -195,7 +200,7 @@ const Depend *depend_values(Fn *fn, DependOptions options) {
     do {
         f.changed = false;
         flow(&f, fn->body, (Depend){0}, (Depend){0});
-    } while (f.changed);
+    } while (f.changed && f.comes_back);
     return f.of;
 }
 

@@ -24,8 +24,9 @@ typedef struct Cse {
 static uint32_t hash_of(const Inst *i) {
     uint32_t h = ir_mix(i->op * 31u + i->type, i->nargs);
     for (uint32_t a = 0; a < i->nargs; a++) h = ir_mix(h, i->args[a]->id);
+    if (!ir_ops[i->op].special) return h;
     uint64_t bits[sizeof i->imm / 8 + 1] = {0};
-    if (ir_ops[i->op].special) memcpy(bits, &i->imm, sizeof i->imm);
+    memcpy(bits, &i->imm, sizeof i->imm);
     for (uint32_t w = 0; w < sizeof bits / 8; w++) h = ir_mix(ir_mix(h, (uint32_t)bits[w]), (uint32_t)(bits[w] >> 32));
     return h;
 }

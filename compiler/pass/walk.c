@@ -27,6 +27,12 @@ uint32_t walk_fn_size(const Fn *fn) {
     return n;
 }
 
+bool walk_any_marked(const uint8_t *marks, const Inst *param) {
+    const uint8_t *first = marks + param->imm.slot.base;
+    const uint32_t n = param->imm.slot.count;
+    return n && (*first || memcmp(first, first + 1, n - 1) != 0); /* none is, if all are as the first */
+}
+
 bool walk_inside(const Block *inner, const Block *outer) {
     for (const Block *b = inner; b; b = b->owner ? b->owner->block : NULL)
         if (b == outer) return true;

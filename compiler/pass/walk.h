@@ -13,6 +13,8 @@ uint32_t walk_size(const Block *b);
 uint32_t walk_fn_size(const Fn *fn); /* over all parts */
 /* opt_lists.c: may iterations of this loop be left out, where they change nothing? */
 bool walk_can_leave_out(const Fn *fn, const Inst *loop);
+/* Is any of the floats marked that a read of parameters may be of? Slots are as many as an image has numbers. */
+bool walk_any_marked(const uint8_t *marks, const Inst *param);
 /* Is block `inner` equal to `outer` or somewhere inside one of its regions? */
 bool walk_inside(const Block *inner, const Block *outer);
 

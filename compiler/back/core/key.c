@@ -76,7 +76,8 @@ static void hash_block(XXH3_state_t *state, const Block *b, size_t *len) {
         *len += sizeof w;
     }
     for (const Inst *i = b->first; i; i = i->next) {
-        uint32_t w[8] = {i->op, i->type, i->nargs, i->nregions};
+        enum { FACTS = 8, ROOM = 16 }; /* most operands go along in one piece */
+        uint32_t w[ROOM] = {i->op, i->type, i->nargs, i->nregions}, n = FACTS;
         const LoopInfo *loop = &i->imm.loop;
         switch (i->op) {
         case OP_loop: w[4] = loop->max_iters, w[5] = loop->exact, w[6] = loop->cull, w[7] = loop->cull_id; break;
@@ -111,10 +112,12 @@ static void hash_block(XXH3_state_t *state, const Block *b, size_t *len) {
         case OP_note: memcpy(w + 4, &i->imm.i, sizeof i->imm.i); break;
         default: break;
         }
-        XXH3_128bits_update(state, w, sizeof w);
-        *len += sizeof w;
-        for (uint32_t j = 0; j < i->nargs; j++) XXH3_128bits_update(state, &i->args[j]->id, sizeof i->args[j]->id);
-        *len += i->nargs * sizeof(uint32_t);
+        for (uint32_t j = 0; j < i->nargs; j++) {
+            if (n == ROOM) XXH3_128bits_update(state, w, sizeof w), n = 0;
+            w[n++] = i->args[j]->id;
+        }
+        XXH3_128bits_update(state, w, n * sizeof *w);
+        *len += (FACTS + i->nargs) * sizeof *w;
         for (uint32_t r = 0; r < i->nregions; r++) hash_block(state, i->region[r], len);
     }
 }

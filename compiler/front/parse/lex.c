@@ -373,8 +373,9 @@ Token lex_next(Lexer *lx) {
         }
         for (size_t i = 0; i < sizeof punctuators / sizeof *punctuators; i++) {
             const Punctuator *p = &punctuators[i];
+            if (*at != p->text[0]) continue;
             uint32_t n = (uint32_t)strlen(p->text);
-            if (*at != p->text[0] || strncmp(at, p->text, n)) continue;
+            if (strncmp(at, p->text, n) != 0) continue;
             t.kind = p->kind;
             t.op = p->op;
             t.span.len = n;
