@@ -285,11 +285,11 @@ INLINE void packet_first(Packet *p, const Field *f, SltQuery what, const flt *he
 /* One step of a packet that still has rays. */
 INLINE void packet_step(Packet *p, const Field *f, SltQuery what, const flt *heights, Slice *slice,
                         FieldCounts *counts) {
-    vm cells = p->on & mi_eq(p->level, i_all(0));
-    if (what != SLT_QUERY_RISE && m_any(p->on & m_not(cells))) {
+    if (what != SLT_QUERY_RISE && m_any(p->on & m_not(mi_eq(p->level, i_all(0))))) {
         if (counts) counts->nodes++;
         packet_node(p, &f->mip, what, slice);
     }
+    vm cells = p->on & mi_eq(p->level, i_all(0));
     if (m_any(cells)) {
         if (counts) counts->cells++;
         packet_cell(p, f, what, heights, cells, slice);
@@ -316,11 +316,11 @@ INLINE void packet_walk2(const Field *f, SltQuery what, const flt *heights, cons
     packet_start(&q, f, what, heights);
     if (HITS(what)) packet_first(&p, f, what, heights, NULL), packet_first(&q, f, what, heights, NULL);
     while (m_any(p.on) && m_any(q.on)) {
-        vm cp = p.on & mi_eq(p.level, i_all(0)), cq = q.on & mi_eq(q.level, i_all(0));
         if (what != SLT_QUERY_RISE) {
             packet_node(&p, &f->mip, what, NULL);
             packet_node(&q, &f->mip, what, NULL);
         }
+        vm cp = p.on & mi_eq(p.level, i_all(0)), cq = q.on & mi_eq(q.level, i_all(0));
         if (m_any(cp)) packet_cell(&p, f, what, heights, cp, NULL);
         if (m_any(cq)) packet_cell(&q, f, what, heights, cq, NULL);
     }
@@ -369,9 +369,9 @@ INLINE void packet_join(Packet *p, const Packet *q) {
 /* Walks two packets until one, p, holds all rays that go on. */
 INLINE void packet_pair(Packet *p, Packet *q, const Field *f, SltQuery what, const flt *heights, int32_t *id) {
     while (__builtin_popcount(m_bits(p->on)) + __builtin_popcount(m_bits(q->on)) > LANES) {
-        vm cp = p->on & mi_eq(p->level, i_all(0)), cq = q->on & mi_eq(q->level, i_all(0));
         packet_node(p, &f->mip, what, NULL);
         packet_node(q, &f->mip, what, NULL);
+        vm cp = p->on & mi_eq(p->level, i_all(0)), cq = q->on & mi_eq(q->level, i_all(0));
         if (m_any(cp)) packet_cell(p, f, what, heights, cp, NULL);
         if (m_any(cq)) packet_cell(q, f, what, heights, cq, NULL);
     }
