@@ -189,6 +189,8 @@ void api_geometries_want(SltProgram *p, const Fn *fn); /* fn will run: the next 
 /* Makes the geometries that compiled kernels ask for; those that are there follow their numbers in flt. */
 SltStatus api_geometries(SltProgram *p, SltError *err);
 bool api_geometries_lost(const SltProgram *p); /* geometry_lost of any */
+/* geometry_blind: of how many meshes, and the declaration of the first. */
+uint32_t api_geometries_blind(const SltProgram *p, SltPlace *at);
 /* geometry_unmet of all, and the declaration of the first that has any. */
 void api_geometries_unmet(const SltProgram *p, SltStats *stats);
 

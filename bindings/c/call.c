@@ -143,7 +143,9 @@ SltStatus api_call_end(ApiCall *c, SltStatus status) {
         status = status_fail(c->err, SLT_LIMIT,
                              "out of memory for derivatives of a loop over pieces of a mesh: at most 1 GiB is kept of "
                              "the samples that run together, so let windows be smaller");
-    if (c->stats) api_name_drops(p, c->stats), api_geometries_unmet(p, c->stats);
+    if (c->stats) api_name_drops(p, c->stats), api_geometries_unmet(p, c->stats), c->stats->blind_at = (SltPlace){0};
+    const uint32_t blind = api_geometries_blind(p, c->stats ? &c->stats->blind_at : NULL);
+    if (c->stats) c->stats->blind = blind;
     if (c->theirs) api_struct_write(c->theirs, c->stats, sizeof *c->stats);
     p->scene.iparams = p->ints, p->lent_ints = NULL;
     free(c->ints);

@@ -110,6 +110,16 @@ void api_geometries_unmet(const SltProgram *p, SltStats *stats) {
     }
 }
 
+uint32_t api_geometries_blind(const SltProgram *p, SltPlace *at) {
+    uint32_t blind = 0;
+    for (uint32_t g = 0; p->geometries && g < p->prog->ngeometries; g++) {
+        if (!p->geometries[g] || !geometry_blind(p->geometries[g])) continue;
+        if (at && !blind) api_name_place(p, at, p->prog->params[p->prog->geometries[g].param].sym->span);
+        blind++;
+    }
+    return blind;
+}
+
 SltStatus api_geometries(SltProgram *p, SltError *err) {
     for (uint32_t g = 0; g < p->prog->ngeometries; g++) {
         GeometryState *s = &p->geometry_state[g];

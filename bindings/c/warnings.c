@@ -116,6 +116,15 @@ static const SltPlace *unmet_text(const SltStats *s, char *buf, size_t size) {
     return s->unmet ? &s->unmet_at : NULL;
 }
 
+static const SltPlace *blind_text(const SltStats *s, char *buf, size_t size) {
+    const char *mesh = s->blind_at.text;
+    snprintf(buf, size,
+             "a window through which pieces%s%s%s were asked had a number that is not finite, or beyond 1e30: nothing "
+             "is seen through it, as if nothing were there%s",
+             mesh ? " of `" : "", mesh ? mesh : "", mesh ? "`" : "", s->blind > 1 ? "; of other meshes too" : "");
+    return s->blind ? &s->blind_at : NULL;
+}
+
 /* Else the certificate would be believed of these jumps too. */
 static const SltPlace *upset_text(const SltStats *s, char *buf, size_t size) {
     snprintf(
@@ -167,10 +176,9 @@ static const SltPlace *assert_text(const SltStats *s, char *buf, size_t size) {
 static const struct {
     const char *code;
     Warn *text;
-} rows[] = {{"dropped", dropped_text},     {"coincident", coincident_text},
-            {"few_ulps", ulps_text},       {"out_of_range", range_text},
-            {"upset", upset_text},         {"singular", singular_text},
-            {"unmet", unmet_text},         {"nonfinite", api_nonfinite_text},
+} rows[] = {{"dropped", dropped_text},     {"coincident", coincident_text}, {"few_ulps", ulps_text},
+            {"out_of_range", range_text},  {"upset", upset_text},           {"singular", singular_text},
+            {"unmet", unmet_text},         {"blind", blind_text},           {"nonfinite", api_nonfinite_text},
             {"truncated", truncated_text}, {"assert", assert_text}};
 
 bool slt_warning(const SltStats *stats, uint32_t index, SltWarning *out) {

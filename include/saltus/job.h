@@ -129,6 +129,9 @@ typedef struct SltStats {
     uint64_t unmet;           /* triangles of meshes that nothing meets, as a corner is not finite, or too large for a
                                  float: rays and windows see through them. When the last call began */
     SltPlace unmet_at;        /* the first such mesh */
+    uint32_t blind;           /* meshes with a window (Beam) whose numbers were not finite, or beyond 1e30: nothing was
+                                 seen through it. Of the last call */
+    SltPlace blind_at;        /* the first such mesh */
 } SltStats;
 enum { SLT_FEW_ULPS = 32 };
 #define SLT_STATS_INIT ((SltStats){.struct_size = sizeof(SltStats)})

@@ -35,6 +35,8 @@ SltGeometry geometry_moved(const SltGeometry *g, const void *from, const void *t
 
 bool geometry_lost(const SltGeometry *g) { return ops(g)->lost && ops(g)->lost(g); }
 
+bool geometry_blind(const SltGeometry *g) { return ops(g)->blind && ops(g)->blind(g); }
+
 void geometry_hold(const SltGeometry *g, bool on) {
     if (ops(g)->hold) ops(g)->hold(on);
 }

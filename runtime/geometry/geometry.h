@@ -52,6 +52,8 @@ void geometry_hold(const SltGeometry *g, bool on);
 
 /* Have queries since the last call left out what there was no memory for? They cannot fail. */
 bool geometry_lost(const SltGeometry *g);
+/* Has a window since the last call had numbers that are not finite, or beyond 1e30? Nothing is seen through it. */
+bool geometry_blind(const SltGeometry *g);
 /* Of how many parts are the numbers not such that a query can meet them? */
 uint64_t geometry_unmet(const SltGeometry *g);
 
@@ -68,6 +70,7 @@ typedef struct GeometryOps {
     double (*growth)(const SltGeometry *g, const void *from,
                      const void *to);        /* what a copy for `to` adds to slack, >= 0 */
     bool (*lost)(const SltGeometry *g);      /* NULL: never */
+    bool (*blind)(const SltGeometry *g);     /* NULL: never */
     uint64_t (*unmet)(const SltGeometry *g); /* NULL: none */
     void (*hold)(bool on);                   /* NULL: nothing is worth it */
     size_t (*bytes)(const SltGeometry *g);

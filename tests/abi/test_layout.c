@@ -165,6 +165,8 @@ static void write_layout(FILE *out) {
     MEMBER(SltStats, out_of_range_at);
     MEMBER(SltStats, unmet);
     MEMBER(SltStats, unmet_at);
+    MEMBER(SltStats, blind);
+    MEMBER(SltStats, blind_at);
     END(SltStats);
     STRUCT(SltIntegral);
     MEMBER(SltIntegral, struct_size);

@@ -53,6 +53,18 @@ class Pieces(Case):
                 self.assertAlmostEqual(self.integral()["integral"][0], loop, delta=1e-12)
                 self.assertAlmostEqual(self.integral("--interpret")["integral"][0], loop, delta=1e-12)
 
+    def test_windows_that_are_not_finite(self):
+        """Nothing is seen through them, which the answer does not tell."""
+        for number, blind in (("sqrt(x.x - 0.9)", True), ("1.0 / (x.x - x.x)", True), ("sqrt(max(x.x - 0.9, 0.0))", False)):
+            for where in ("eye.x", "u.y"):
+                with self.subTest(number + where):
+                    self.program("b.%s = %s; for (Piece q = m.first(b); q.found; q = m.next(q)) sum += q.area;" % (where, number))
+                    for args in (("grad", "m.salt", "--integral", "--samples", "64"), ("grad", "m.salt", "--integral", "--samples", "64", "--interpret"), ("render", "m.salt", "--size", "8")):
+                        err = self.run_cli(*args).err
+                        (self.assertIn if blind else self.assertNotIn)("a window through which pieces of `m` were asked had a number that is not finite", err)
+        self.program("if (x.x > 0.9) { b.eye.x = sqrt(x.x - 0.9); for (Piece q = m.first(b); q.found; q = m.next(q)) sum += q.area; }")
+        self.assertNotIn("finite", self.run_cli("grad", "m.salt", "--integral", "--samples", "64").err)
+
     def test_of_another_mesh(self):
         """A piece has a next one in its own mesh alone."""
         self.put("b.obj", NEAR)

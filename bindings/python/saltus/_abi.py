@@ -153,6 +153,8 @@ class SltStats(Structure):
         ("out_of_range_at", SltPlace),
         ("unmet", c_uint64),
         ("unmet_at", SltPlace),
+        ("blind", c_uint32),
+        ("blind_at", SltPlace),
     ]
 
 

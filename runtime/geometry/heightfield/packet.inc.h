@@ -233,17 +233,15 @@ INLINE void packet_cell(Packet *p, const Field *f, SltQuery what, const flt *hei
     packet_move(p, look & p->on, m_make(0));
 }
 
-/* Is the ray below the terrain where it crosses the grid line `ahead` lines on, in the direction in which it moves
- * faster? That is an exit of leaf.h like any other, where the row (or column) that it is in is certain. */
-INLINE void packet_probe(Packet *p, const Field *f, const flt *heights, int ahead) {
+/* Is the ray below the terrain where it crosses the grid line `line`, in the direction in which it moves faster (xm:
+ * x)? That is an exit of leaf.h like any other, where the row (or column) that it is in is certain. */
+INLINE void packet_probe(Packet *p, const Field *f, const flt *heights, vm xm, vi line, vm on) {
     const int w = (int)f->w, h = (int)f->h;
     const vi one = i_all(1), zero = i_all(0);
     const Ray *r = &p->r;
-    vm xm = m_opaque(m_le(p->rdx, p->rdy));
-    vi line = i_sel(xm, p->i, p->j) + i_all(ahead);
     vf o = f_sel(xm, p->ox, p->oy), rd = f_sel(xm, p->rdx, p->rdy);
     vf t = (i_flt(line) - o) * rd, before = (i_flt(line - one) - o) * rd;
-    vm on = m_opaque(p->on & m_lt(p->t, before) & m_lt(before, t) & m_lt(t, r->tl));
+    on = m_opaque(on & m_lt(p->t, before) & m_lt(before, t) & m_le(t, r->tl));
     if (!m_any(on)) return;
     vf across = f_sel(xm, r->oy + t * r->dy, r->ox + t * r->dx);
     vi c = f_int(f_min(f_max(across, f_all(0)), f_sel(xm, f_all((flt)(h - 2)), f_all((flt)(w - 2)))));
@@ -259,8 +257,9 @@ INLINE void packet_probe(Packet *p, const Field *f, const flt *heights, int ahea
     p->on = m_opaque(p->on & m_not(hit));
 }
 
-/* Walks begin in a cell, all lanes at once: no node is looked at yet. There most shadows begin, and the rest of
- * OCCLUDED then looks at the lines of PROBES. */
+/* Walks begin in a cell, all lanes at once: no node is looked at yet. There most shadows begin. The rest of OCCLUDED
+ * then looks where falling rays end, which is mostly below the ground or where they leave the box, so that a view from
+ * above needs no walk, and at the lines of PROBES. */
 INLINE void packet_first(Packet *p, const Field *f, SltQuery what, const flt *heights, FieldCounts *counts) {
     static const int ahead[] = PROBES;
     vm cells = p->on & mi_eq(p->level, i_all(0));
@@ -268,20 +267,29 @@ INLINE void packet_first(Packet *p, const Field *f, SltQuery what, const flt *he
         if (counts) counts->cells++;
         packet_cell(p, f, what, heights, cells, NULL);
     }
-    for (uint32_t n = 0; what == SLT_QUERY_OCCLUDED && n < sizeof ahead / sizeof *ahead && m_any(p->on); n++) {
+    if (what != SLT_QUERY_OCCLUDED) return;
+    vm xm = m_opaque(m_le(p->rdx, p->rdy));
+    vi from = i_sel(xm, p->i, p->j);
+    vm falling = m_opaque(p->on & p->falling);
+    if (m_any(falling)) {
         if (counts) counts->cells++;
-        packet_probe(p, f, heights, ahead[n]);
+        vf end = f_sel(xm, p->ox, p->oy) + p->r.tl * f_abs(f_sel(xm, p->r.dx, p->r.dy));
+        packet_probe(p, f, heights, xm, f_int(end) + i_sel(xm, p->flipx, p->flipy), falling);
+    }
+    for (uint32_t n = 0; n < sizeof ahead / sizeof *ahead && m_any(p->on); n++) {
+        if (counts) counts->cells++;
+        packet_probe(p, f, heights, xm, from + i_all(ahead[n]), p->on);
     }
 }
 
 /* One step of a packet that still has rays. */
 INLINE void packet_step(Packet *p, const Field *f, SltQuery what, const flt *heights, Slice *slice,
                         FieldCounts *counts) {
-    vm cells = p->on & mi_eq(p->level, i_all(0));
-    if (what != SLT_QUERY_RISE && m_any(p->on & m_not(cells))) {
+    if (what != SLT_QUERY_RISE && m_any(p->on & m_not(mi_eq(p->level, i_all(0))))) {
         if (counts) counts->nodes++;
         packet_node(p, &f->mip, what, slice);
     }
+    vm cells = p->on & mi_eq(p->level, i_all(0));
     if (m_any(cells)) {
         if (counts) counts->cells++;
         packet_cell(p, f, what, heights, cells, slice);
@@ -308,11 +316,11 @@ INLINE void packet_walk2(const Field *f, SltQuery what, const flt *heights, cons
     packet_start(&q, f, what, heights);
     if (HITS(what)) packet_first(&p, f, what, heights, NULL), packet_first(&q, f, what, heights, NULL);
     while (m_any(p.on) && m_any(q.on)) {
-        vm cp = p.on & mi_eq(p.level, i_all(0)), cq = q.on & mi_eq(q.level, i_all(0));
         if (what != SLT_QUERY_RISE) {
             packet_node(&p, &f->mip, what, NULL);
             packet_node(&q, &f->mip, what, NULL);
         }
+        vm cp = p.on & mi_eq(p.level, i_all(0)), cq = q.on & mi_eq(q.level, i_all(0));
         if (m_any(cp)) packet_cell(&p, f, what, heights, cp, NULL);
         if (m_any(cq)) packet_cell(&q, f, what, heights, cq, NULL);
     }
@@ -361,9 +369,9 @@ INLINE void packet_join(Packet *p, const Packet *q) {
 /* Walks two packets until one, p, holds all rays that go on. */
 INLINE void packet_pair(Packet *p, Packet *q, const Field *f, SltQuery what, const flt *heights, int32_t *id) {
     while (__builtin_popcount(m_bits(p->on)) + __builtin_popcount(m_bits(q->on)) > LANES) {
-        vm cp = p->on & mi_eq(p->level, i_all(0)), cq = q->on & mi_eq(q->level, i_all(0));
         packet_node(p, &f->mip, what, NULL);
         packet_node(q, &f->mip, what, NULL);
+        vm cp = p->on & mi_eq(p->level, i_all(0)), cq = q->on & mi_eq(q->level, i_all(0));
         if (m_any(cp)) packet_cell(p, f, what, heights, cp, NULL);
         if (m_any(cq)) packet_cell(q, f, what, heights, cq, NULL);
     }

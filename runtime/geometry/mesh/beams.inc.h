@@ -42,6 +42,7 @@ INLINE uint32_t read_row(Beams *b, bool f64, D8 row[SLT_BEAM_ROWS], uint32_t k, 
        whole, s, t;
     uint32_t good = 255;
     for (uint32_t r = 0; r < SLT_BEAM_ROWS; r++) size_of(&row[r], &size), good &= upto(size, all_D8(1e30));
+    b->blind |= (uint64_t)(~good & 255) << k;
     for (int a = 0; a < 3; a++) c[a] = corner[a] - row[SLT_BEAM_EYE + a];
     largest_of(row + SLT_BEAM_EYE, &eye), largest_of(corner, &near);
     const uint32_t far = less(all_D8(FAR_EYE * magnitude), eye), own = far & less(near, NEAR_WINDOW * eye);
@@ -67,7 +68,7 @@ INLINE uint32_t read_row(Beams *b, bool f64, D8 row[SLT_BEAM_ROWS], uint32_t k, 
 }
 
 static void read(Beams *b, bool f64, const void *rays, uint64_t mask, uint32_t width, double magnitude) {
-    b->mask = 0, b->far = 0;
+    b->mask = 0, b->far = 0, b->blind = 0;
     for (uint32_t k = 0; k < width; k += 8) {
         D8 row[SLT_BEAM_ROWS];
         for (uint32_t r = 0; r < SLT_BEAM_ROWS; r++) {
@@ -84,7 +85,7 @@ static void read(Beams *b, bool f64, const void *rays, uint64_t mask, uint32_t w
         }
         b->mask |= (uint64_t)read_row(b, f64, row, k, magnitude) << k;
     }
-    b->mask &= mask & LOW_BITS(width);
+    b->mask &= mask & LOW_BITS(width), b->blind &= mask & LOW_BITS(width);
 }
 
 INLINE uint32_t same(D8 a, double b) { return upto(a, all_D8(b)) & upto(all_D8(b), a); }

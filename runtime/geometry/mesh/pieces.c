@@ -260,6 +260,7 @@ bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint3
     if (!s.store || !s.store->n) return false;
     s.store->lost = false;
     scene->facets->read(&beams, s.f64, rays, mask, width, scene->tree.bvh->magnitude);
+    if (beams.blind) atomic_store(scene->blind, true);
     while (beams.mask) {
         const uint32_t base = (uint32_t)__builtin_ctzll(beams.mask);
         Listed *listed = &s.store->listed;

@@ -16,6 +16,8 @@
 #ifndef SALTUS_MESH_PIECES_H
 #define SALTUS_MESH_PIECES_H
 
+#include <stdatomic.h>
+
 #include "adjacency.h"
 #include "rays.h"
 #include "saltus/mesh.h"
@@ -26,6 +28,7 @@ typedef struct PieceScene {
     const Adjacency *adjacency; /* NULL: sides are not told */
     bool outlined;              /* outline.h is asked later */
     const struct FacetSearch *facets;
+    atomic_bool *blind; /* set where a window's numbers are not finite, or beyond 1e30: nothing is seen through it */
 } PieceScene;
 
 /* The pieces seen through a window, rays: rows of SltBeamRow; witness: the unit of the first, or left as it is where

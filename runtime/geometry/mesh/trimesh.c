@@ -124,7 +124,8 @@ static void find(const SltGeometry *g, const void *values, const void *rays, uin
                           .values = values,
                           .adjacency = sides ? &m->adjacency : NULL,
                           .outlined = m->from.queries >> SLT_QUERY_LIT & 1,
-                          .facets = m->facets};
+                          .facets = m->facets,
+                          .blind = m->blind};
     uint32_t like[64];
     uint64_t own = asking(rays, m->from.f64, mask, width, SLT_BEAM_ROWS, SLT_BEAM_CORNER, like), known = 0;
     for (uint32_t k = 0; k < width; k++) witness[k] = 0;
@@ -247,7 +248,7 @@ SltStatus trimesh_make(SltGeometry **out, const GeometrySource *from, const void
     m->from = *from;
     const Compiled c = compiled_for(isa ? isa : best_isa());
     m->rays = c.rays, m->facets = c.facets, m->beam = c.beam, m->cross = c.cross;
-    m->lost = &m->lost_;
+    m->lost = &m->lost_, m->blind = &m->blind_;
     m->base.shared.made = m;
     m->base.ops = &geometry_mesh;
     m->has_tree = from->queries & searching;
@@ -320,6 +321,8 @@ static size_t held(const SltGeometry *g) {
 
 static bool lost(const SltGeometry *g) { return atomic_exchange(((const Trimesh *)g->made)->lost, false); }
 
+static bool blind(const SltGeometry *g) { return atomic_exchange(((const Trimesh *)g->made)->blind, false); }
+
 static uint64_t unmet(const SltGeometry *g) {
     const Trimesh *m = g->made;
     return m->has_tree ? m->bvh.unmet : 0;
@@ -333,6 +336,7 @@ const GeometryOps geometry_mesh = {.make = make,
                                    .follow = follow,
                                    .growth = growth,
                                    .lost = lost,
+                                   .blind = blind,
                                    .hold = pieces_hold,
                                    .unmet = unmet,
                                    .bytes = held,

@@ -28,10 +28,11 @@ typedef struct Trimesh {
     Geometry base;
     GeometrySource from;
     bool dirty, has_tree, has_adjacency;
-    atomic_bool lost_, *lost; /* pieces, for want of memory: queries see the mesh as const */
-    Bvh bvh;                  /* where has_tree */
-    Adjacency adjacency;      /* where has_adjacency */
-    Cones cones;              /* where lights are asked about */
+    /* Queries see the mesh as const. lost: pieces, for want of memory; blind: a window whose numbers are not finite. */
+    atomic_bool lost_, *lost, blind_, *blind;
+    Bvh bvh;             /* where has_tree */
+    Adjacency adjacency; /* where has_adjacency */
+    Cones cones;         /* where lights are asked about */
     const BvhSearches *rays;
     const struct FacetSearch *facets;
     const struct BeamSearch *beam;

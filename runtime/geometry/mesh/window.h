@@ -198,6 +198,7 @@ typedef struct Beams {
      * counts BEAM_Q + BEAM_OWN * (the origin from the eye), of which the second part is the triangle's (Near.base). */
     _Alignas(64) double row[BEAM_ALL][LANES];
     uint64_t mask, far; /* far: the eye is */
+    uint64_t blind;     /* asked, but with a number that is not finite, or beyond 1e30 */
 } Beams;
 #define FAR_EYE 8.0 /* times the mesh's largest coordinate */
 #define NEAR_WINDOW 0.25 /* of the way to the eye: a corner nearer to the origin */
