@@ -76,7 +76,13 @@ static void take_some(Walk *k, Chunk *c, uint32_t room) {
 /* How many of the next n pixels of the row are asked for, up to the first that is not. */
 static uint32_t asked_from(const Walk *k, uint32_t n) {
     const uint64_t first = grid_index(&k->p->run->grid, k->at[0], k->at[1], k->at[2]);
+    const uint32_t channels = k->p->run->s->channels;
     uint32_t i = 0;
+    if (k->p->adjoint && channels == 1) { /* mostly all are, which nothing needs to be decided for */
+        uint32_t zeros = 0;
+        for (uint32_t x = 0; x < n; x++) zeros |= k->p->adjoint[first + x] == 0;
+        if (!zeros) return n;
+    }
     while (i < n && asked(k->p, first + i)) i++;
     return i;
 }

@@ -425,6 +425,40 @@ static void test_side_by_side(void **state) {
     assert_true(pieces > 5000);
 }
 
+/* Over a mesh from where there is none, and away from it: what is known to be empty ends where the mesh begins. Windows
+ * that are the last to see nothing touch it nearly. */
+static void test_from_nothing(void **state) {
+    (void)state;
+    static Scene s, window[WINDOWS];
+    static Seen together[WINDOWS], alone;
+    uint32_t pieces = 0, empty = 0;
+    for (uint32_t round = 0; round < 16; round++) {
+        const bool f64 = round % 2, upwards = round / 2 % 2, back = round / 4 % 2;
+        scene_ball_and_plate(&s);
+        const double size = round < 8 ? 0.07 : 0.011,
+                     before = 0.5 * BLOCKS * (upwards ? BLOCK / ACROSS : ACROSS) + 0.1 * round, beside = 0.45 / size;
+        for (int k = SLT_BEAM_U; k < SLT_BEAM_ROWS; k++) s.beam[k] *= size;
+        for (int a = 0; a < 3; a++) {
+            const double u = s.beam[SLT_BEAM_U + a], v = s.beam[SLT_BEAM_V + a];
+            s.beam[SLT_BEAM_CORNER + a] += upwards ? beside * u - before * v : beside * v - before * u;
+        }
+        SltGeometry *g = made(&s, f64);
+        see_blocks(g, &s, f64, upwards, back, window, together);
+        see_blocks(g, &s, f64, upwards, !back, window, together);
+        for (uint32_t k = 0; k < WINDOWS; k++) {
+            SltGeometry *other = made(&s, f64);
+            memcpy(s.beam, window[k].beam, sizeof s.beam);
+            see_through(other, &s, f64, &alone);
+            geometry_free(other);
+            together[k].depth = alone.depth = 0;
+            assert_memory_equal(&together[k], &alone, sizeof alone);
+            pieces += alone.pieces, empty += !alone.pieces;
+        }
+        geometry_free(g);
+    }
+    assert_true(pieces > 300 && empty > 300);
+}
+
 static void test_many(void **state) {
     (void)state;
     static Scene s;
@@ -504,10 +538,11 @@ static void test_no_memory(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_fills_the_window), cmocka_unit_test(test_reference),    cmocka_unit_test(test_sheets),
-        cmocka_unit_test(test_far_eye),          cmocka_unit_test(test_any_order),    cmocka_unit_test(test_degenerate),
-        cmocka_unit_test(test_same_bits),        cmocka_unit_test(test_side_by_side), cmocka_unit_test(test_many),
-        cmocka_unit_test(test_nothing),          cmocka_unit_test(test_no_memory)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_fills_the_window), cmocka_unit_test(test_reference),
+                                       cmocka_unit_test(test_sheets),           cmocka_unit_test(test_far_eye),
+                                       cmocka_unit_test(test_any_order),        cmocka_unit_test(test_degenerate),
+                                       cmocka_unit_test(test_same_bits),        cmocka_unit_test(test_side_by_side),
+                                       cmocka_unit_test(test_from_nothing),     cmocka_unit_test(test_many),
+                                       cmocka_unit_test(test_nothing),          cmocka_unit_test(test_no_memory)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -37,7 +37,7 @@ INLINE void largest_of(const D8 x[3], D8 *size) {
 }
 
 /* Eight windows of rows of SltBeamRow; those which can be looked through. */
-INLINE uint32_t read_row(Beams *b, bool f64, D8 row[SLT_BEAM_ROWS], uint32_t k, double magnitude) {
+INLINE uint32_t read_row(Beams *b, bool f64, D8 row[SLT_BEAM_ROWS], uint32_t k, double magnitude, bool shared) {
     D8 *corner = row + SLT_BEAM_CORNER, *u = row + SLT_BEAM_U, *v = row + SLT_BEAM_V, c[3], q[3], n[3], eye, near, size,
        whole, s, t;
     uint32_t good = 255;
@@ -55,8 +55,9 @@ INLINE uint32_t read_row(Beams *b, bool f64, D8 row[SLT_BEAM_ROWS], uint32_t k, 
     for (int a = 0; a < 3; a++) {
         const D8 by = s * u[a] + t * v[a];
         c[a] += by, q[a] += by;
-        *(Wide *)&b->row[SLT_BEAM_EYE + a][k] = row[SLT_BEAM_EYE + a];
         *(Wide *)&b->row[SLT_BEAM_CORNER + a][k] = c[a], *(Wide *)&b->row[BEAM_Q + a][k] = q[a];
+        if (shared && k) continue;
+        *(Wide *)&b->row[SLT_BEAM_EYE + a][k] = row[SLT_BEAM_EYE + a];
         *(Wide *)&b->row[SLT_BEAM_U + a][k] = u[a], *(Wide *)&b->row[SLT_BEAM_V + a][k] = v[a];
     }
     *(Wide *)&b->row[BEAM_OWN][k] = chosen(own, all_D8(1), all_D8(0));
@@ -67,23 +68,128 @@ INLINE uint32_t read_row(Beams *b, bool f64, D8 row[SLT_BEAM_ROWS], uint32_t k, 
     return good & less(all_D8(0), size) & upto(size, all_D8(DBL_MAX));
 }
 
+/* Is each of the rows of eye, u and v the same number, bit by bit, in all of so many lanes, eights of them? */
+INLINE bool is_shared(bool f64, const void *rays, uint32_t width) {
+    typedef int64_t Bits __attribute__((vector_size(32), aligned(4), may_alias));
+    const size_t size = f64 ? sizeof(double) : sizeof(float), row = width * size;
+    const unsigned char *from = rays;
+    Bits apart = {0}, one[9];
+    for (uint32_t r = 0; r < 9; r++) {
+        uint64_t wide;
+        uint32_t narrow;
+        const unsigned char *first = from + (r < 3 ? r : r + 3) * row;
+        memcpy(&wide, first, sizeof wide), memcpy(&narrow, first, sizeof narrow);
+        one[r] = (Bits){0} + (int64_t)(f64 ? wide : narrow * 0x100000001u);
+    }
+    for (size_t at = 0; at < row; at += sizeof(Bits))
+        for (uint32_t r = 0; r < 9; r++) apart |= *(const Bits *)(from + (r < 3 ? r : r + 3) * row + at) ^ one[r];
+    return !(apart[0] | apart[1] | apart[2] | apart[3]);
+}
+_Static_assert(SLT_BEAM_CORNER == 3 && SLT_BEAM_U == 6 && SLT_BEAM_ROWS == 12, "eye, corner, u, v");
+
+INLINE D8 eight_of(bool f64, const void *rays, size_t at) {
+    return f64 ? *(const Wide *)((const double *)rays + at) : wide_F8(*(const Narrow *)((const float *)rays + at));
+}
+
+/* Windows of one eye, all with the same sides, as those of an image are. */
+INLINE bool read_shared(Beams *b, bool f64, const void *rays, uint32_t width, double magnitude) {
+    D8 row[SLT_BEAM_ROWS];
+    if (!is_shared(f64, rays, width)) return false;
+    for (uint32_t r = 0; r < SLT_BEAM_ROWS; r++)
+        if (r / 3 != SLT_BEAM_CORNER / 3) row[r] = eight_of(f64, rays, (size_t)r * width);
+    b->shared = true;
+    for (uint32_t k = 0; k < width; k += 8) {
+        for (uint32_t a = 0; a < 3; a++)
+            row[SLT_BEAM_CORNER + a] = eight_of(f64, rays, (size_t)(SLT_BEAM_CORNER + a) * width + k);
+        b->mask |= (uint64_t)read_row(b, f64, row, k, magnitude, true) << k;
+    }
+    return true;
+}
+
+/* What u and v add to where a frame's windows lie, at least and at most. */
+INLINE void spread_of(const Window *w, double spread[2][2]) {
+    for (int i = 0; i < 2; i++) {
+        const double s = window_dot(w->u, w->plane[i]), t = window_dot(w->v, w->plane[i]), add[3] = {s, t, s + t};
+        spread[i][0] = spread[i][1] = 0;
+        for (int q = 0; q < 3; q++) {
+            if (add[q] < spread[i][0]) spread[i][0] = add[q];
+            if (add[q] > spread[i][1]) spread[i][1] = add[q];
+        }
+    }
+}
+
+/* Where windows lie with corners c and the frame's u and v, which lie across as it does; those ahead. */
+INLINE uint32_t place_alike(const Window *w, const D8 c[3], const double spread[2][2], D8 lo[2], D8 hi[2], D8 *away) {
+    D8 far, square, at;
+    dot8(c, w->plane[2], &far);
+    *away = far;
+    square = c[0] * c[0] + c[1] * c[1] + c[2] * c[2];
+    const D8 inverse = 1 / far;
+    const L8 power = (L8)(far * w->per_power) & POWER_OF_TWO;
+    for (int i = 0; i < 2; i++) {
+        dot8(c, w->plane[i], &at);
+        lo[i] = (at + spread[i][0]) * inverse, hi[i] = (at + spread[i][1]) * inverse;
+    }
+    return bits_D8(power == w->power) & upto(square, GRAZING * w->per_power * far * far) & less(all_D8(0), far);
+}
+
+/* Before they are read: do all windows surely lie in a rectangle of a frame, whose eye and sides they share, and where?
+ * They are not put aside here, which moves them by less than what is left at the borders. */
+INLINE bool all_inside(const Window *w, const Rectangle *in, bool f64, const void *rays, uint32_t width,
+                       Rectangle *all) {
+    D8 lo_all[2], hi_all[2];
+    double spread[2][2], one[SLT_BEAM_ROWS];
+    if (!is_shared(f64, rays, width) || !(w->per_power > 0)) return false;
+    for (uint32_t r = 0; r < SLT_BEAM_ROWS; r++)
+        one[r] = f64 ? ((const double *)rays)[r * width] : (double)((const float *)rays)[r * width];
+    if (memcmp(one + SLT_BEAM_EYE, w->eye, sizeof w->eye) || memcmp(one + SLT_BEAM_U, w->u, sizeof w->u) ||
+        memcmp(one + SLT_BEAM_V, w->v, sizeof w->v))
+        return false;
+    spread_of(w, spread);
+    uint32_t inside = 255;
+    for (uint32_t k = 0; k < width; k += 8) {
+        D8 c[3], lo[2], hi[2], far;
+        for (uint32_t a = 0; a < 3; a++)
+            c[a] = eight_of(f64, rays, (size_t)(SLT_BEAM_CORNER + a) * width + k) - w->eye[a];
+        inside &= place_alike(w, c, (const double(*)[2])spread, lo, hi, &far);
+        for (int i = 0; i < 2; i++) {
+            const D8 left = 2 * ASIDE_MOST * (hi[i] - lo[i]);
+            inside &= upto(in->lo[i] + left, lo[i]) & upto(hi[i] + left, all_D8(in->hi[i]));
+            lo_all[i] = k ? lower(lo[i], lo_all[i]) : lo[i], hi_all[i] = k ? higher(hi[i], hi_all[i]) : hi[i];
+        }
+    }
+    if (inside != 255) return false;
+    for (int i = 0; i < 2; i++) all->lo[i] = least_of(lo_all[i]), all->hi[i] = -least_of(-hi_all[i]);
+    return true;
+}
+
+static bool surely_inside(const Window *w, const Rectangle *in, bool f64, const void *rays, uint32_t width,
+                          Rectangle *all) {
+    if (width % 8) return false;
+    return f64 ? all_inside(w, in, true, rays, width, all) : all_inside(w, in, false, rays, width, all);
+}
+
 static void read(Beams *b, bool f64, const void *rays, uint64_t mask, uint32_t width, double magnitude) {
-    b->mask = 0, b->far = 0, b->blind = 0;
+    b->mask = 0, b->far = 0, b->blind = 0, b->shared = false;
+    if (width % 8 == 0 &&
+        (f64 ? read_shared(b, true, rays, width, magnitude) : read_shared(b, false, rays, width, magnitude))) {
+        b->mask &= mask, b->blind &= mask;
+        return;
+    }
     for (uint32_t k = 0; k < width; k += 8) {
         D8 row[SLT_BEAM_ROWS];
         for (uint32_t r = 0; r < SLT_BEAM_ROWS; r++) {
             const size_t at = (size_t)r * width + k;
             const uint32_t n = width - k < 8 ? width - k : 8;
             if (n == 8) {
-                row[r] = f64 ? *(const Wide *)((const double *)rays + at)
-                             : wide_F8(*(const Narrow *)((const float *)rays + at));
+                row[r] = eight_of(f64, rays, at);
                 continue;
             }
             row[r] = (D8){0};
             for (uint32_t i = 0; i < n; i++)
                 row[r][i] = f64 ? ((const double *)rays)[at + i] : (double)((const float *)rays)[at + i];
         }
-        b->mask |= (uint64_t)read_row(b, f64, row, k, magnitude) << k;
+        b->mask |= (uint64_t)read_row(b, f64, row, k, magnitude, false) << k;
     }
     b->mask &= mask & LOW_BITS(width), b->blind &= mask & LOW_BITS(width);
 }
@@ -111,50 +217,35 @@ INLINE uint32_t place_any(const Window *w, const D8 c[3], const D8 u[3], const D
     return ahead;
 }
 
-/* The same of those with the frame's u and v, which lie across as it does; spread: what u and v add, at least and at
- * most. */
-INLINE uint32_t place_alike(const Window *w, const D8 c[3], const double spread[2][2], D8 lo[2], D8 hi[2], D8 *away) {
-    D8 far, square, at;
-    dot8(c, w->plane[2], &far);
-    *away = far;
-    square = c[0] * c[0] + c[1] * c[1] + c[2] * c[2];
-    const D8 inverse = 1 / far;
-    const L8 power = (L8)(far * w->per_power) & POWER_OF_TWO;
-    for (int i = 0; i < 2; i++) {
-        dot8(c, w->plane[i], &at);
-        lo[i] = (at + spread[i][0]) * inverse, hi[i] = (at + spread[i][1]) * inverse;
-    }
-    return bits_D8(power == w->power) & upto(square, GRAZING * w->per_power * far * far) & less(all_D8(0), far);
-}
-
-static void place(const Window *w, const Beams *b, uint32_t base, uint32_t width, Places *out) {
+/* shared: Beams. */
+INLINE void place_rows(const Window *w, const Beams *b, uint32_t base, uint32_t width, bool shared, Places *out) {
     const uint64_t who = b->mask & ~0ull << base;
     D8 lo_all[2] = {all_D8(HUGE_VAL), all_D8(HUGE_VAL)}, hi_all[2] = {all_D8(-HUGE_VAL), all_D8(-HUGE_VAL)}, area = {0};
-    double spread[2][2] = {{0}};
-    for (int i = 0; i < 2; i++) {
-        const double s = window_dot(w->u, w->plane[i]), t = window_dot(w->v, w->plane[i]), add[3] = {s, t, s + t};
-        for (int q = 0; q < 3; q++) {
-            if (add[q] < spread[i][0]) spread[i][0] = add[q];
-            if (add[q] > spread[i][1]) spread[i][1] = add[q];
-        }
-    }
+    double spread[2][2];
+    uint32_t of_eye = 255, alike = 255;
+    spread_of(w, spread);
     out->ahead = out->alike = 0;
     for (uint32_t k = 0; k < width; k += 8) {
-        const uint32_t on = (uint32_t)(who >> k) & 255;
-        if (!on) continue;
+        const uint32_t on = (uint32_t)(who >> k) & 255, from = shared ? 0 : k;
         D8 u[3], v[3], c[3], lo[2], hi[2], far;
-        uint32_t of_eye = 255, alike = 255, ahead;
-        for (int a = 0; a < 3; a++) {
-            of_eye &= same(*(const Wide *)&b->row[SLT_BEAM_EYE + a][k], w->eye[a]);
-            c[a] = *(const Wide *)&b->row[SLT_BEAM_CORNER + a][k];
-            u[a] = *(const Wide *)&b->row[SLT_BEAM_U + a][k], v[a] = *(const Wide *)&b->row[SLT_BEAM_V + a][k];
-            alike &= same(u[a], w->u[a]) & same(v[a], w->v[a]);
+        if (!shared || k == 0) {
+            of_eye = alike = 255;
+            for (int a = 0; a < 3; a++) {
+                of_eye &= same(*(const Wide *)&b->row[SLT_BEAM_EYE + a][k], w->eye[a]);
+                alike &= same(*(const Wide *)&b->row[SLT_BEAM_U + a][k], w->u[a]) &
+                         same(*(const Wide *)&b->row[SLT_BEAM_V + a][k], w->v[a]);
+            }
         }
+        if (!on) continue;
+        for (int a = 0; a < 3; a++) c[a] = *(const Wide *)&b->row[SLT_BEAM_CORNER + a][k];
         const uint32_t across = w->per_power > 0 ? alike : 0;
-        ahead = place_alike(w, c, spread, lo, hi, &far);
+        uint32_t ahead = place_alike(w, c, (const double(*)[2])spread, lo, hi, &far);
         *(Wide *)&out->far[k] = chosen(across & ahead, far, all_D8(HUGE_VAL));
         if (on & ~across) {
             D8 any_lo[2], any_hi[2];
+            for (int a = 0; a < 3; a++)
+                u[a] = *(const Wide *)&b->row[SLT_BEAM_U + a][from],
+                v[a] = *(const Wide *)&b->row[SLT_BEAM_V + a][from];
             const uint32_t any = place_any(w, c, u, v, any_lo, any_hi);
             ahead = (ahead & across) | (any & ~across);
             for (int i = 0; i < 2; i++)
@@ -171,4 +262,9 @@ static void place(const Window *w, const Beams *b, uint32_t base, uint32_t width
     for (int i = 0; i < 2; i++) out->all.lo[i] = least_of(lo_all[i]), out->all.hi[i] = -least_of(-hi_all[i]);
     out->area = 0;
     for (int i = 0; i < 8; i++) out->area += area[i];
+}
+
+static void place(const Window *w, const Beams *b, uint32_t base, uint32_t width, Places *out) {
+    if (b->shared) place_rows(w, b, base, width, true, out);
+    else place_rows(w, b, base, width, false, out);
 }

@@ -20,7 +20,7 @@ INLINE void signs(const Polygon *p, const double g[3], double d[CORNERS], uint32
     *plus = *minus = 0;
     for (uint32_t k = 0; k < p->n; k += 8) {
         const D8 at = g[0] * corners_at(p, p->s, k) + g[1] * corners_at(p, p->t, k) + g[2];
-        const L8 above = at > near, below = at < -near;
+        const L8 above = under(all_D8(near), at), below = under(at, all_D8(-near));
         *plus |= bits_D8(above) << k, *minus |= bits_D8(below) << k;
         *(Wide *)&d[k] = (D8)((above | below) & (L8)at);
     }
@@ -226,8 +226,7 @@ INLINE bool parted(const Polygon *p, const Facet *f) {
         const uint32_t there = (1u << (p->n - at)) - 1;
         for (uint32_t k = 0; k < 3; k++) {
             const double *g = f->g[k], near = ON_LINE * (fabs(g[0]) + fabs(g[1]));
-            const L8 above = g[0] * s + g[1] * t + g[2] > near;
-            if (bits_D8(above) & there) reached |= 1u << k;
+            if (less(all_D8(near), g[0] * s + g[1] * t + g[2]) & there) reached |= 1u << k;
             else if (p->n <= 8) return true;
         }
     }

@@ -23,7 +23,36 @@ INLINE uint32_t boxes_in(const BvhNode *n, const Plane plane[4]) {
     return in;
 }
 
-static void list_leaves(Search *s, const Plane plane[4]) {
+/* The least of d . across in each of a node's boxes. */
+INLINE D8 least_along(const BvhNode *n, const double across[3]) {
+    D8 least = {0};
+    for (int a = 0; a < 3; a++) least += across[a] * wide_F8(*(const Narrow *)(across[a] < 0 ? n->hi[a] : n->lo[a]));
+    return least;
+}
+
+enum { FEW_LEAVES = 96 };
+
+/* By how far away they are (store->most), so that what hides is met before what is hidden. */
+static void nearest_leaves_first(Store *store) {
+    for (uint32_t i = 1; i < store->list.n; i++) {
+        const double away = store->most.data[i];
+        const int32_t leaf = store->list.data[i];
+        uint32_t k = i;
+        for (; k && store->most.data[k - 1] > away; k--)
+            store->most.data[k] = store->most.data[k - 1], store->list.data[k] = store->list.data[k - 1];
+        store->most.data[k] = away, store->list.data[k] = leaf;
+    }
+}
+
+/* Which is read soon. */
+INLINE void fetch_leaf(const Search *s, uint32_t leaf) {
+    const size_t size = s->f64 ? sizeof(BvhLeaf64) : sizeof(BvhLeaf32);
+    const char *from = (const char *)s->scene->tree.bvh->leaf + leaf * size;
+    for (size_t at = 0; at < size; at += 64) __builtin_prefetch(from + at);
+}
+
+/* across: where it is more, a box is farther from the eye. */
+static void list_leaves(Search *s, const Plane plane[4], const double across[3]) {
     const BvhScene *scene = &s->scene->tree;
     const Bvh *b = scene->bvh;
     int32_t stack[BVH_STACK];
@@ -33,15 +62,28 @@ static void list_leaves(Search *s, const Plane plane[4]) {
     stack[depth++] = 0;
     while (depth) {
         const BvhNode *n = &b->node[stack[--depth]];
-        for (uint32_t in = boxes_in(n, plane); in; in &= in - 1) {
-            const int32_t child = n->child[__builtin_ctz(in)];
+        uint32_t in = boxes_in(n, plane);
+        if (!in) continue;
+        double away[8];
+        *(Wide *)away = least_along(n, across);
+        for (; in; in &= in - 1) {
+            const uint32_t i = (uint32_t)__builtin_ctz(in);
+            const int32_t child = n->child[i];
             if (child >= 0) {
-                if (child) stack[depth++] = child;
+                if (!child) continue;
+                for (size_t at = 0; at < sizeof *b->node; at += 64)
+                    __builtin_prefetch((const char *)&b->node[child] + at);
+                stack[depth++] = child;
                 continue;
             }
-            if (!PUSH(store, store->list, ~child)) return;
+            if (!PUSH(store, store->list, ~child) ||
+                !window_room(store, &store->most.data, store->list.n, &store->most.room, 1, sizeof *store->most.data))
+                return;
+            store->most.data[store->list.n - 1] = away[i];
+            fetch_leaf(s, (uint32_t)~child);
         }
     }
+    if (store->list.n <= FEW_LEAVES) nearest_leaves_first(store);
 }
 
 /* Corners of a leaf's triangles from `eye`, a far one's from the origin. The leaf has them, but those of vertices that
@@ -79,13 +121,13 @@ INLINE void lines_near(const D8 p[3][3], D8 normal[3][3], D8 plane[3], D8 *det) 
     }
     for (int k = 0; k < 3; k++) {
         const int q = (k + 1) % 3;
-        const L8 first = square[k] < square[q], second = square[q] < square[k];
+        const L8 first = under(square[k], square[q]), second = under(square[q], square[k]);
         D8 at[3];
         for (int a = 0; a < 3; a++) at[a] = which(first, p[k][a], which(second, p[q][a], 0.5 * (p[k][a] + p[q][a])));
         cross8(at, edge[k], normal[k]);
     }
     cross8(edge[0], edge[1], plane);
-    const L8 second = square[1] < square[0], third = square[2] < lower(square[0], square[1]);
+    const L8 second = under(square[1], square[0]), third = under(square[2], lower(square[0], square[1]));
     for (int a = 0; a < 3; a++) nearest[a] = which(third, p[2][a], which(second, p[1][a], p[0][a]));
     *det = nearest[0] * plane[0] + nearest[1] * plane[1] + nearest[2] * plane[2];
 }
@@ -184,7 +226,7 @@ static void add_near(Search *s, const Window *w, Waiting *from) {
     if (w->far) lines_far((const D8(*)[3])at, w->eye, normal, c->normal[3], c->base, &det);
     else lines_near((const D8(*)[3])at, normal, c->normal[3], &det);
     size_of(&det, &size);
-    const L8 back = det < 0;
+    const L8 back = under(det, (D8){0});
     const uint32_t good = less(all_D8(0), size) & upto(size, all_D8(DBL_MAX)), turned = bits_D8(back);
     const D8 inverse = 1 / det;
     for (int a = 0; a < 3; a++) {
@@ -212,7 +254,7 @@ static void add_near(Search *s, const Window *w, Waiting *from) {
             for (int a = 0; a < 2; a++) to->along[k][a] = column[20 + 2 * k + a][i];
             if (w->far) to->base[k] = column[28 + k][i];
         }
-        to->nearest = from->nearest[i];
+        to->nearest = box->nearest[n % 8] = from->nearest[i];
         to->triangle = from->triangle[i], to->turned = turned >> i & 1;
         for (int a = 0; a < 2; a++) box->lo[a][n % 8] = from->lo[a][i], box->hi[a][n % 8] = from->hi[a][i];
     }
@@ -261,7 +303,7 @@ static void list(Search *s, const Window *w, const Rectangle *r) {
     }
     Store *store = s->store;
     store->near.n = 0;
-    list_leaves(s, plane);
+    list_leaves(s, plane, w->plane[2]);
     Waiting waiting;
     waiting.n = 0;
     for (uint32_t i = 0; i < store->list.n; i++) add_leaf(s, w, r, (uint32_t)store->list.data[i], &waiting);
@@ -294,42 +336,41 @@ INLINE void range_of(const double n[3], const double *base, const double spread[
     for (int q = 0; q < 3; q++) keep_min(least, &at[q]), keep_max(most, &at[q]);
 }
 
-/* Adds what the windows may see of a triangle. */
-INLINE void meet_row(Store *store, const Places *lie, uint32_t near, uint32_t k, uint32_t on, bool alike, bool far,
-                     Row *row) {
+/* Adds what the windows may see of a triangle. Whether they see any is hard to predict, so nothing hangs on it but how
+ * many are found. */
+INLINE void meet_row(Store *store, const Places *lie, const Close *close, uint32_t i, uint32_t k, uint32_t on,
+                     bool alike, bool far, Row *row) {
+    const uint32_t near = close->near[i];
     const Near *t = &store->near.data[near];
-    const NearBoxes *box = &store->boxes.data[near / 8];
-    const uint32_t i = near % 8;
+    const NearBoxes *box = &close->box;
     const D8 zero = {0};
     uint32_t some = on & upto(*(const Wide *)&lie->lo[0][k], all_D8(box->hi[0][i])) &
                     upto(all_D8(box->lo[0][i]), *(const Wide *)&lie->hi[0][k]) &
                     upto(*(const Wide *)&lie->lo[1][k], all_D8(box->hi[1][i])) &
                     upto(all_D8(box->lo[1][i]), *(const Wide *)&lie->hi[1][k]);
-    if (!some) return;
-    uint32_t filling = some;
-    D8 least, most, first[4];
+    D8 least, most, first[4], of_edges[2];
     for (int e = 0; e < 4; e++) {
         range_of(t->normal[e], far ? &t->base[e] : NULL, t->spread[e], row, alike, &first[e], &least, &most);
-        if (e < 3) some &= less(zero, most), filling &= less(zero, least);
+        if (e == 0) of_edges[0] = least, of_edges[1] = most;
+        else if (e < 3) of_edges[0] = lower(least, of_edges[0]), of_edges[1] = lower(most, of_edges[1]);
     }
-    some &= upto(row->hidden, most) & upto(all_D8(-DBL_MAX), least) & upto(most, all_D8(DBL_MAX));
-    if (!some) return;
+    some &= less(zero, of_edges[1]) & upto(all_D8(-DBL_MAX), least) & upto(most, all_D8(DBL_MAX));
     /* Its plane may come nearer than it does. */
     const D8 nearest = *(const Wide *)&lie->far[k] * t->nearest;
     least = lower(least, nearest), most = lower(most, nearest);
-    filling &= some & less(row->hidden, least);
-    const D8 other = chosen(filling, row->most, chosen(some, most, row->others));
-    keep_max(&row->others, &other);
-    const uint32_t turned = t->turned ? some : 0;
+    const uint32_t turned = some & (0 - t->turned), seen = some & upto(row->hidden, most),
+                   filling = some & less(zero, of_edges[0]) & less(row->hidden, least);
+    row->others = chosen(some, higher(chosen(filling, row->most, most), row->others), row->others);
     row->facing[0] = chosen(some & ~turned, higher(most, row->facing[0]), row->facing[0]);
     row->facing[1] = chosen(turned, higher(most, row->facing[1]), row->facing[1]);
     row->hidden = chosen(filling, least, row->hidden), row->most = chosen(filling, most, row->most);
     row->filling = chosen(filling, all_D8(near), row->filling);
-    store->met.data[store->found.n] = (uint8_t)some;
-    Found *to = &store->found.data[store->found.n++];
+    store->met.data[store->found.n] = (uint8_t)seen;
+    Found *to = &store->found.data[store->found.n];
     *(Wide *)to->least = least, *(Wide *)to->most = most;
     for (int e = 0; e < 3; e++) *(Wide *)to->c[e] = first[e];
     to->near = near, to->turned = t->turned;
+    store->found.n += seen != 0;
 }
 
 /* Of the n numbers most[], from the greatest on, of equal ones the lower triangle first, which place has number i? */
@@ -351,61 +392,128 @@ INLINE uint32_t place_of(const Store *store, uint32_t n, uint32_t i) {
     return before;
 }
 
-/* Adds what the window of lane i of the row has met to the candidates of lane k, and, for what may be one sheet, to the
- * parts, of which there are *parts (sheet.inc.h). */
-INLINE void add_candidates(Search *s, const Beams *b, Neighbours *group, uint32_t k, uint32_t i, uint32_t *parts) {
+/* Makes what the window of lane i of the row has met the candidates of lane k, behind the places of all others. */
+INLINE void add_candidates(Search *s, Neighbours *group, uint32_t k, uint32_t i) {
     Store *store = s->store;
     uint32_t n = 0;
+    memset(store->met.data + store->found.n, 0, 64);
     for (uint32_t at = 0; at < store->found.n; at += 64)
         for (uint64_t who = column(&store->met.data[at], i); who; who &= who - 1) {
             const uint32_t number = at + (uint32_t)__builtin_ctzll(who);
             store->order.data[n] = number, store->most.data[n++] = store->found.data[number].most[i];
         }
     for (uint32_t at = n; at % 8; at++) store->most.data[at] = -HUGE_VAL;
-    group->first[k] = store->candidate.n, group->count[k] = 0;
-    if (!n || !window_room(store, &store->candidate.data, store->candidate.n, &store->candidate.room, n,
+    group->first[k] = OTHER_CANDIDATES, group->count[k] = 0;
+    if (!n || !window_room(store, &store->candidate.data, OTHER_CANDIDATES, &store->candidate.room, n,
                            sizeof *store->candidate.data))
         return;
-    Candidate *to = store->candidate.data + store->candidate.n;
-    if (parts && (n > FEW_FACETS || !window_room(store, &store->parts.data, (*parts + 7) / 8, &store->parts.room,
-                                                 FEW_FACETS / 8 + 1, sizeof *store->parts.data)))
-        parts = NULL;
+    Candidate *to = store->candidate.data + OTHER_CANDIDATES;
     for (uint32_t at = 0; at < n; at++) {
         const Found *f = &store->found.data[store->order.data[at]];
-        const Near *near = &store->near.data[f->near];
         to[n <= FEW_FACETS ? place_of(store, n, at) : at] = (Candidate){.least = f->least[i],
                                                                         .most = f->most[i],
-                                                                        .triangle = near->triangle,
+                                                                        .triangle = store->near.data[f->near].triangle,
                                                                         .near = f->near,
-                                                                        .part = parts ? *parts : 0,
                                                                         .turned = f->turned};
-        if (!parts) continue;
-        for (int e = 0; e < 3; e++) set_part(s, near, b, k, group->alike, e, f->c[e][i], *parts);
-        ++*parts;
     }
-    store->candidate.n += n, group->count[k] = n;
+    group->count[k] = n;
 }
 
-/* Finds what is listed and may lie in the row's windows; false: out of memory. */
-INLINE bool meet_listed(Store *store, const Places *lie, uint32_t k, uint32_t on, bool alike, bool far, Row *to) {
-    Row row = *to;
-    double lo[2], hi[2];
-    for (int a = 0; a < 2; a++) {
-        lo[a] = least_of(chosen(on, *(const Wide *)&lie->lo[a][k], all_D8(HUGE_VAL)));
-        hi[a] = -least_of(-chosen(on, *(const Wide *)&lie->hi[a][k], all_D8(-HUGE_VAL)));
+/* Puts what the windows `who` of the row from lane k on have met of a triangle among their candidates, each nearest
+ * first, and behind the *n parts that are measured later. */
+INLINE void add_pairs(Store *store, const int32_t *face, Neighbours *group, const Row *row, const Found *f, uint32_t k,
+                      uint32_t who, bool alike, uint32_t *n) {
+    const Near *near = &store->near.data[f->near];
+    __builtin_prefetch(face + 3 * (size_t)near->triangle);
+    add_parts(store, near, f, row->u, row->v, who, alike, *n);
+    for (; who; who &= who - 1, ++*n) {
+        const uint32_t i = (uint32_t)__builtin_ctz(who), lane = k + i;
+        Candidate *all = store->candidate.data + (size_t)lane * FEW_FACETS;
+        const Candidate own = {.least = f->least[i],
+                               .most = f->most[i],
+                               .triangle = near->triangle,
+                               .near = f->near,
+                               .part = *n,
+                               .turned = f->turned};
+        uint32_t at = group->count[lane];
+        if (at >= FEW_FACETS) { /* all are looked for again */
+            group->count[lane] = FEW_FACETS + 1;
+            continue;
+        }
+        group->count[lane] = at + 1;
+        for (; at &&
+               (all[at - 1].most < own.most || (all[at - 1].most == own.most && all[at - 1].triangle > own.triangle));
+             at--)
+            all[at] = all[at - 1];
+        all[at] = own;
     }
-    for (uint32_t near = 0; near < store->near.n; near += 8) {
-        const NearBoxes *box = &store->boxes.data[near / 8];
-        uint32_t in = 255;
-        for (int a = 0; a < 2; a++)
-            in &= upto(all_D8(lo[a]), *(const Wide *)box->hi[a]) & upto(*(const Wide *)box->lo[a], all_D8(hi[a]));
+}
+
+/* Around windows of a row. */
+INLINE void around(const Places *lie, uint32_t k, uint32_t who, double lo[2], double hi[2]) {
+    const D8 none = all_D8(HUGE_VAL);
+    double least[4];
+    least_of_four(chosen(who, *(const Wide *)&lie->lo[0][k], none), chosen(who, *(const Wide *)&lie->lo[1][k], none),
+                  chosen(who, -*(const Wide *)&lie->hi[0][k], none), chosen(who, -*(const Wide *)&lie->hi[1][k], none),
+                  least);
+    for (int a = 0; a < 2; a++) lo[a] = least[a], hi[a] = -least[2 + a];
+}
+
+INLINE uint32_t in_boxes(const NearBoxes *box, const double lo[2], const double hi[2]) {
+    uint32_t in = 255;
+    for (int a = 0; a < 2; a++)
+        in &= upto(all_D8(lo[a]), *(const Wide *)box->hi[a]) & upto(*(const Wide *)box->lo[a], all_D8(hi[a]));
+    return in;
+}
+
+/* Finds what is close and may lie in the row's windows; false: out of memory. */
+INLINE bool meet_close(Store *store, const Places *lie, uint32_t k, uint32_t on, bool alike, bool far, Row *to) {
+    Row row = *to;
+    /* Of windows that are filled what lies behind the nearest place that all of them have in front is hidden. */
+    uint32_t filled = 0;
+    double lo[2], hi[2], open_lo[2], open_hi[2], hidden = -HUGE_VAL;
+    const double away = -least_of(-chosen(on, *(const Wide *)&lie->far[k], all_D8(-HUGE_VAL)));
+    around(lie, k, on, lo, hi);
+    for (uint32_t at = 0; at < store->close.n; at += 8) {
+        const Close *close = &store->close.data[at / 8];
+        uint32_t in = in_boxes(&close->box, lo, hi);
+        if (filled)
+            in &= in_boxes(&close->box, open_lo, open_hi) |
+                  upto(all_D8(hidden), away * *(const Wide *)close->box.nearest);
         if (!in) continue;
         if (!window_room(store, &store->found.data, store->found.n, &store->found.room, 8, sizeof *store->found.data) ||
             !window_room(store, &store->met.data, store->found.n, &store->met.room, 128, 1))
             return false;
-        for (; in; in &= in - 1) meet_row(store, lie, near + (uint32_t)__builtin_ctz(in), k, on, alike, far, &row);
+        for (; in; in &= in - 1) meet_row(store, lie, close, (uint32_t)__builtin_ctz(in), k, on, alike, far, &row);
+        const uint32_t now = less(all_D8(-HUGE_VAL), row.hidden) & on;
+        if (now == 0 || at + 8 >= store->close.n) continue;
+        hidden = least_of(chosen(now, row.hidden, all_D8(HUGE_VAL)));
+        if (now != filled) around(lie, k, on & ~now, open_lo, open_hi);
+        filled = now;
     }
     *to = row;
+    return true;
+}
+
+/* Packs what is listed and lies in a rectangle; false: out of memory. */
+static bool find_close(Store *store, const Rectangle *r) {
+    uint32_t n = 0;
+    store->close.n = 0;
+    if (!window_room(store, &store->close.data, 0, &store->close.room, (store->near.n + 7) / 8,
+                     sizeof *store->close.data))
+        return false;
+    for (uint32_t near = 0; near < store->near.n; near += 8) {
+        const NearBoxes *box = &store->boxes.data[near / 8];
+        for (uint32_t in = in_boxes(box, r->lo, r->hi); in; in &= in - 1) {
+            const uint32_t i = (uint32_t)__builtin_ctz(in);
+            Close *to = &store->close.data[n / 8];
+            for (int a = 0; a < 2; a++) to->box.lo[a][n % 8] = box->lo[a][i], to->box.hi[a][n % 8] = box->hi[a][i];
+            to->box.nearest[n % 8] = box->nearest[i];
+            to->near[n++ % 8] = near + i;
+        }
+    }
+    for (uint32_t i = n; i % 8; i++) store->close.data[i / 8].box.lo[0][i % 8] = HUGE_VAL;
+    store->close.n = n;
     return true;
 }
 
@@ -414,18 +522,18 @@ static bool find_in_row(Store *store, const Beams *b, const Places *lie, uint32_
                         Row *row) {
     for (int a = 0; a < 3; a++) {
         row->q[a] = *(const Wide *)&b->row[BEAM_Q + a][k];
-        row->u[a] = *(const Wide *)&b->row[SLT_BEAM_U + a][k], row->v[a] = *(const Wide *)&b->row[SLT_BEAM_V + a][k];
+        row->u[a] = *(const Wide *)&b->row[SLT_BEAM_U + a][beam_lane(b, k)];
+        row->v[a] = *(const Wide *)&b->row[SLT_BEAM_V + a][beam_lane(b, k)];
     }
     row->own = *(const Wide *)&b->row[BEAM_OWN][k];
     row->hidden = row->most = row->others = row->facing[0] = row->facing[1] = all_D8(-HUGE_VAL);
     row->filling = all_D8(0);
     store->found.n = 0;
-    if (!(alike && !far ? meet_listed(store, lie, k, on, true, false, row)
-                        : meet_listed(store, lie, k, on, alike, far, row)) ||
+    if (!(alike && !far ? meet_close(store, lie, k, on, true, false, row)
+                        : meet_close(store, lie, k, on, alike, far, row)) ||
         !store->found.n)
         return false;
     const uint32_t n = store->found.n;
-    memset(store->met.data + n, 0, 64);
     return window_room(store, &store->order.data, 0, &store->order.room, n, sizeof *store->order.data) &&
            window_room(store, &store->most.data, 0, &store->most.room, n + 8, sizeof *store->most.data);
 }
@@ -436,7 +544,11 @@ static void survey(Search *s, const Beams *b, const Places *lie, Neighbours *gro
     const uint32_t end = group->last + 1;
     const uint64_t who = b->mask & LOW_BITS(end) & ~0ull << group->base;
     uint32_t parts = 0;
-    store->candidate.n = 0, group->whole = 0;
+    store->lines.measured = 0;
+    group->whole = group->open = 0;
+    if (!find_close(store, &group->all) || !window_room(store, &store->candidate.data, 0, &store->candidate.room,
+                                                        OTHER_CANDIDATES, sizeof *store->candidate.data))
+        return;
     for (uint32_t k = group->base / 8 * 8; k < end; k += 8) {
         const uint32_t on = (uint32_t)(who >> k) & 255;
         Row row;
@@ -454,21 +566,25 @@ static void survey(Search *s, const Beams *b, const Places *lie, Neighbours *gro
         }
         if (whole == on) continue;
         const uint32_t facing[2] = {less(row.facing[1], row.facing[0]), less(row.facing[0], row.facing[1])};
+        const uint32_t open = on & ~whole;
+        const D8 others = chosen(facing[1], row.facing[0], row.facing[1]);
+        /* Where none is nearest, as the others reach as far, it is no sheet: any will do. */
+        *(Wide *)&group->others[k] = chosen(open & ~(facing[0] | facing[1]), all_D8(HUGE_VAL),
+                                            chosen(less(others, row.hidden), all_D8(-HUGE_VAL), others));
         for (uint32_t i = 0; i < store->found.n; i++) {
             const Found *f = &store->found.data[i];
-            /* Where none is nearest, as the others reach as far, it is no sheet: any will do. */
-            const uint32_t its = f->turned ? ~facing[0] : ~facing[1];
-            store->met.data[i] &= (uint8_t)(its & ~less(*(const Wide *)f->most, row.hidden));
+            const uint32_t met =
+                store->met.data[i] & open & ~facing[!f->turned] & ~less(*(const Wide *)f->most, row.hidden);
+            if (!met) continue;
+            if (parts - store->lines.measured + 8 > LINES && !measure_sheets(s, &parts)) return;
+            add_pairs(store, s->scene->tree.bvh->face, group, &row, f, k, met, group->alike, &parts);
         }
-        const D8 others = chosen(facing[1], row.facing[0], row.facing[1]);
-        *(Wide *)&group->others[k] = chosen(less(others, row.hidden), all_D8(-HUGE_VAL), others);
-        for (uint32_t open = on & ~whole; open; open &= open - 1) {
-            const uint32_t i = (uint32_t)__builtin_ctz(open);
-            add_candidates(s, b, group, k + i, i, &parts);
-            if (!((facing[0] | facing[1]) >> i & 1)) group->others[k + i] = HUGE_VAL;
+        for (uint32_t left = open; left; left &= left - 1) {
+            const uint32_t lane = k + (uint32_t)__builtin_ctz(left);
+            group->first[lane] = lane * FEW_FACETS, group->open |= (uint64_t)(group->count[lane] > 0) << lane;
         }
     }
-    measure_sheets(s, parts);
+    (void)measure_sheets(s, &parts);
 }
 
 static void survey_all(Search *s, const Beams *b, const Places *lie, Neighbours *group, uint32_t lane) {
@@ -479,5 +595,5 @@ static void survey_all(Search *s, const Beams *b, const Places *lie, Neighbours 
     if (!find_in_row(store, b, lie, k, 1u << i, group->alike, b->far >> lane & 1, &row)) return;
     for (uint32_t f = 0; f < store->found.n; f++)
         store->met.data[f] &= (uint8_t)~less(*(const Wide *)store->found.data[f].most, row.hidden);
-    add_candidates(s, b, group, lane, i, NULL);
+    add_candidates(s, group, lane, i);
 }

@@ -17,7 +17,8 @@
 #include "beam.inc.h"
 #include "cross.inc.h"
 
-const FacetSearch facets_avx2 = {.read = read,
+const FacetSearch facets_avx2 = {.inside = surely_inside,
+                                 .read = read,
                                  .place = place,
                                  .list = list,
                                  .survey = survey,

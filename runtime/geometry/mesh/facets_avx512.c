@@ -17,7 +17,8 @@
 #include "beam.inc.h"
 #include "cross.inc.h"
 
-const FacetSearch facets_avx512 = {.read = read,
+const FacetSearch facets_avx512 = {.inside = surely_inside,
+                                   .read = read,
                                    .place = place,
                                    .list = list,
                                    .survey = survey,

@@ -16,7 +16,8 @@
 #include "beam.inc.h"
 #include "cross.inc.h"
 
-const FacetSearch facets_plain = {.read = read,
+const FacetSearch facets_plain = {.inside = surely_inside,
+                                  .read = read,
                                   .place = place,
                                   .list = list,
                                   .survey = survey,

@@ -239,6 +239,21 @@ INLINE double least_of_D8(D8 a) {
     a = lower_D8(a, __builtin_shufflevector(a, a, 2, 3, 0, 1, 6, 7, 4, 5));
     return a[0] < a[1] ? a[0] : a[1];
 }
+/* The least lanes of four. */
+INLINE void least_of_four(D8 a, D8 b, D8 c, D8 d, double out[4]) {
+#if defined(__AVX512F__)
+    const __m512d x = _mm512_min_pd(_mm512_unpacklo_pd((__m512d)a, (__m512d)b),
+                                    _mm512_unpackhi_pd((__m512d)a, (__m512d)b)),
+                  y = _mm512_min_pd(_mm512_unpacklo_pd((__m512d)c, (__m512d)d),
+                                    _mm512_unpackhi_pd((__m512d)c, (__m512d)d)),
+                  both = _mm512_min_pd(_mm512_shuffle_f64x2(x, y, 0x44), _mm512_shuffle_f64x2(x, y, 0xee)),
+                  least = _mm512_min_pd(both, _mm512_shuffle_f64x2(both, both, 0xb1));
+    _mm_storeu_pd(out, _mm512_castpd512_pd128(least));
+    _mm_storeu_pd(out + 2, _mm512_extractf64x2_pd(least, 2));
+#else
+    out[0] = least_of_D8(a), out[1] = least_of_D8(b), out[2] = least_of_D8(c), out[3] = least_of_D8(d);
+#endif
+}
 #if defined(__AVX512VL__)
 INLINE F16 chosen_F16(uint64_t m, F16 a, F16 b) { return (F16)_mm512_mask_mov_ps((__m512)b, (__mmask16)m, (__m512)a); }
 INLINE float least_of_F16(F16 a) { return _mm512_reduce_min_ps((__m512)a); }
@@ -333,6 +348,17 @@ INLINE uint64_t column(const uint8_t *bytes, uint32_t n) {
 INLINE float outwards_of(double v) {
     const float near = (float)v;
     return near + (near < 0 ? -near : near) * 0x1p-22f;
+}
+
+/* Those of m one after the other; there is room for eight. */
+INLINE void pack(uint32_t m, D8 v, double *to) {
+#if defined(__AVX512F__)
+    _mm512_storeu_pd(to, _mm512_maskz_compress_pd((__mmask8)m, (__m512d)v));
+#else
+    double all[8];
+    memcpy(all, &v, sizeof all);
+    for (; m; m &= m - 1) *to++ = all[__builtin_ctz(m)];
+#endif
 }
 
 /* The lowest n bits, n from 1 to 64. */

@@ -11,9 +11,9 @@
 #include "window.h"
 
 enum {
-    HALVINGS = 40, /* at most */
-    FEW_NEAR = 64, /* triangles listed for windows: for more windows then */
-    MANY_NEAR = 160,
+    HALVINGS = 40,  /* at most */
+    FEW_NEAR = 160, /* triangles listed for windows: for more windows then */
+    MANY_NEAR = 400,
     MOST_REACH = 15 /* times as many windows */
 };
 #define BESIDE 1e-9 /* by which what lies where is widened, at least */
@@ -37,9 +37,10 @@ void window_planes(Window *w) {
 }
 
 static void window_set(Window *w, const Beams *b, uint32_t lane) {
+    const uint32_t at = beam_lane(b, lane);
     for (int a = 0; a < 3; a++) {
-        w->eye[a] = b->row[SLT_BEAM_EYE + a][lane], w->c[a] = b->row[SLT_BEAM_CORNER + a][lane];
-        w->u[a] = b->row[SLT_BEAM_U + a][lane], w->v[a] = b->row[SLT_BEAM_V + a][lane];
+        w->eye[a] = b->row[SLT_BEAM_EYE + a][at], w->c[a] = b->row[SLT_BEAM_CORNER + a][lane];
+        w->u[a] = b->row[SLT_BEAM_U + a][at], w->v[a] = b->row[SLT_BEAM_V + a][at];
         w->q[a] = b->row[BEAM_Q + a][lane];
     }
     w->far = b->far >> lane & 1, w->own = b->row[BEAM_OWN][lane];
@@ -183,29 +184,28 @@ static void look_through(Search *s, const Beams *b, uint32_t lane, Candidate *c,
 }
 
 /* Lanes from `base` on that look from one eye through windows side by side, which are listed for together. */
-static void neighbours(const Beams *b, uint32_t base, uint32_t width, const Places *lie, Rectangle *all,
-                       Neighbours *n) {
+static void neighbours(const Beams *b, uint32_t base, uint32_t width, const Places *lie, Neighbours *n) {
     n->base = n->last = base;
     const uint64_t later = b->mask & ~1ull << base;
     if (!(later & ~lie->ahead) && area_of(&lie->all) <= SPARSE * lie->area) {
-        *all = lie->all;
+        n->all = lie->all;
         if (later) n->last = 63 - (uint32_t)__builtin_clzll(later);
         n->alike = !(later & ~lie->alike);
         return;
     }
-    *all = (Rectangle){{lie->lo[0][base], lie->lo[1][base]}, {lie->hi[0][base], lie->hi[1][base]}}, n->alike = true;
-    double area = area_of(all);
+    n->all = (Rectangle){{lie->lo[0][base], lie->lo[1][base]}, {lie->hi[0][base], lie->hi[1][base]}}, n->alike = true;
+    double area = area_of(&n->all);
     for (uint32_t k = base + 1; k < width; k++) {
         if (!(b->mask >> k & 1)) continue;
         if (!(lie->ahead >> k & 1)) break;
-        Rectangle wider = *all, own = {{lie->lo[0][k], lie->lo[1][k]}, {lie->hi[0][k], lie->hi[1][k]}};
+        Rectangle wider = n->all, own = {{lie->lo[0][k], lie->lo[1][k]}, {lie->hi[0][k], lie->hi[1][k]}};
         for (int i = 0; i < 2; i++) {
             if (own.lo[i] < wider.lo[i]) wider.lo[i] = own.lo[i];
             if (own.hi[i] > wider.hi[i]) wider.hi[i] = own.hi[i];
         }
         if (!(area_of(&wider) <= SPARSE * (area + area_of(&own)))) break;
         area += area_of(&own);
-        *all = wider, n->last = k, n->alike &= lie->alike >> k & 1;
+        n->all = wider, n->last = k, n->alike &= lie->alike >> k & 1;
     }
 }
 
@@ -213,6 +213,18 @@ static void neighbours(const Beams *b, uint32_t base, uint32_t width, const Plac
 
 static bool same_frame(const Window *a, const Window *b) {
     return a->far == b->far && !memcmp(a, b, offsetof(Window, far)); /* eye, u, v, c */
+}
+
+/* Has the one lane after the other that windows share the eye and the sides of a frame? The frame is theirs then, where
+ * `place` says that they lie ahead in it. */
+static bool in_frame(const Beams *b, const Window *frame) {
+    if (!b->shared || frame->far != (b->far & 1) || !(frame->per_power > 0)) return false;
+    bool alike = true;
+    for (int a = 0; a < 3; a++)
+        alike &= !memcmp(&b->row[SLT_BEAM_EYE + a][0], &frame->eye[a], sizeof frame->eye[a]) &
+                 !memcmp(&b->row[SLT_BEAM_U + a][0], &frame->u[a], sizeof frame->u[a]) &
+                 !memcmp(&b->row[SLT_BEAM_V + a][0], &frame->v[a], sizeof frame->v[a]);
+    return alike;
 }
 
 /* Where windows follow each other, as those of the pixels of an image do, triangles are listed for some of them ahead,
@@ -251,11 +263,22 @@ static void list_for(Search *s, const Window *frame, bool again, const Rectangle
     l->version = s->scene->tree.moved || s->store->lost ? 0 : s->scene->tree.bvh->version;
 }
 
+bool pieces_none(const PieceScene *scene, const void *rays, uint32_t width) {
+    const BvhScene *tree = &scene->tree;
+    Store *store = told_store();
+    if (!store || store->near.n || store->listed.version != tree->bvh->version || tree->moved) return false;
+    Listed *l = &store->listed;
+    Rectangle all;
+    if (!scene->facets->inside(&l->window, &l->in, tree->bvh->f64, rays, width, &all)) return false;
+    for (int a = 0; a < 2; a++) l->middle[a] = 0.5 * (all.lo[a] + all.hi[a]);
+    return true;
+}
+
 bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint32_t width, int32_t *witness) {
-    Search s = {.scene = scene, .store = told_store(), .f64 = scene->tree.bvh->f64};
+    Search s; /* much of it is set where it is asked */
+    s.scene = scene, s.store = told_store(), s.f64 = scene->tree.bvh->f64;
     Beams beams;
     Places lie;
-    Rectangle all;
     Neighbours group;
     if (!s.store || !s.store->n) return false;
     s.store->lost = false;
@@ -265,20 +288,27 @@ bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint3
         const uint32_t base = (uint32_t)__builtin_ctzll(beams.mask);
         Listed *listed = &s.store->listed;
         Window frame;
-        window_frame(&frame, &beams, base);
-        const bool again =
-            listed->version == scene->tree.bvh->version && !scene->tree.moved && same_frame(&frame, &listed->window);
-        if (!again) window_planes(&frame);
-        scene->facets->place(again ? &listed->window : &frame, &beams, base, width, &lie);
-        neighbours(&beams, base, width, &lie, &all, &group);
-        list_for(&s, &frame, again, &all);
-        for (int a = 0; a < 2; a++) listed->middle[a] = 0.5 * (all.lo[a] + all.hi[a]);
+        const bool current = listed->version == scene->tree.bvh->version && !scene->tree.moved;
+        bool again = current && in_frame(&beams, &listed->window);
+        if (again) {
+            scene->facets->place(&listed->window, &beams, base, width, &lie);
+            again = lie.ahead >> base & 1;
+        }
+        if (!again) {
+            window_frame(&frame, &beams, base);
+            again = current && same_frame(&frame, &listed->window);
+            if (!again) window_planes(&frame);
+            scene->facets->place(again ? &listed->window : &frame, &beams, base, width, &lie);
+        }
+        neighbours(&beams, base, width, &lie, &group);
+        list_for(&s, &frame, again, &group.all);
+        for (int a = 0; a < 2; a++) listed->middle[a] = 0.5 * (group.all.lo[a] + group.all.hi[a]);
         s.alike = group.alike;
         if (s.store->near.n) scene->facets->survey(&s, &beams, &lie, &group);
-        for (uint32_t k = base; k <= group.last && s.store->near.n; k++) {
+        else group.whole = group.open = 0;
+        for (uint64_t left = group.whole | group.open; left; left &= left - 1) {
+            const uint32_t k = (uint32_t)__builtin_ctzll(left), n = group.count[k];
             const bool whole = group.whole >> k & 1;
-            const uint32_t n = group.count[k];
-            if (!n && !whole) continue;
             s.first = s.last = 0;
             if (scene->outlined) window_set(&s.window, &beams, k), keep_beam(&s);
             if (whole) {
@@ -292,5 +322,6 @@ bool pieces_find(const PieceScene *scene, const void *rays, uint64_t mask, uint3
         }
         beams.mask &= group.last == LANES - 1 ? 0 : ~0ull << (group.last + 1);
     }
+    told_end(s.store);
     return !s.store->lost;
 }

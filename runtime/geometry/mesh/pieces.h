@@ -35,6 +35,9 @@ typedef struct PieceScene {
  * nothing is seen. False: out of memory, some are missing. */
 bool pieces_find(const PieceScene *s, const void *rays, uint64_t mask, uint32_t width, int32_t *witness);
 
+/* Is it known, by what was listed last, that all windows see nothing? */
+bool pieces_none(const PieceScene *s, const void *rays, uint32_t width);
+
 /* ---- the thread's store (told.c) */
 void pieces_begin(void);       /* empties it, less what is held */
 uint64_t pieces_begun(void);   /* how often that was, in this thread */

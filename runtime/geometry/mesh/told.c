@@ -24,8 +24,8 @@ static pthread_once_t once = PTHREAD_ONCE_INIT;
 
 static void release(void *p) {
     Store *s = p;
-    free(s->unit), free(s->list.data), free(s->near.data), free(s->boxes.data), free(s->found.data),
-        free(s->candidate.data);
+    free(s->unit), free(s->list.data), free(s->near.data), free(s->boxes.data), free(s->close.data),
+        free(s->found.data), free(s->candidate.data);
     free(s->met.data), free(s->order.data), free(s->most.data), free(s->parts.data), free(s->facet.data);
     free(s->chosen.data), free(s->crossing.data), free(s->piece.data), free(s->live.data), free(s->extents.data),
         free(s->held.all);
@@ -66,6 +66,8 @@ static void empty(Store *s) {
     s->beam.n = s->outline.n = s->corner.n = s->part.n = s->answer.n = 0;
     count_units(s, 1);
 }
+
+void told_end(Store *s) { count_units(s, s->n); }
 
 Store *told_store(void) {
     if (own) return own;
@@ -130,19 +132,18 @@ static void put_int(const Search *s, uint32_t unit, uint32_t which, int32_t v) {
     memcpy(place(s, unit, which), &v, sizeof v);
 }
 
+static inline __attribute__((always_inline)) void put_side_as(const Search *s, uint32_t unit, int32_t a, int32_t b,
+                                                              double weight, const double at[4], bool f64) {
+    const Search as = {.store = s->store, .f64 = f64};
+    put_int(&as, unit, SLT_SIDE_A, a), put_int(&as, unit, SLT_SIDE_B, b);
+    put(&as, unit, SLT_SIDE_WEIGHT, weight);
+    for (uint32_t k = 0; k < 4; k++) put(&as, unit, SLT_SIDE_S0 + k, at[k]);
+}
+
 /* A side, whose numbers are those from SLT_SIDE_WEIGHT on, weight and ends. */
 static void put_side(const Search *s, uint32_t unit, int32_t a, int32_t b, double weight, const double at[4]) {
-    unsigned char *row = place(s, unit, 0);
-    if (s->f64) {
-        memcpy(row + SLT_SIDE_A * sizeof(double), &a, sizeof a),
-            memcpy(row + SLT_SIDE_B * sizeof(double), &b, sizeof b);
-        memcpy(row + SLT_SIDE_WEIGHT * sizeof(double), &weight, sizeof weight);
-        memcpy(row + SLT_SIDE_S0 * sizeof(double), at, 4 * sizeof *at);
-        return;
-    }
-    const float narrow[5] = {(float)weight, (float)at[0], (float)at[1], (float)at[2], (float)at[3]};
-    memcpy(row + SLT_SIDE_A * sizeof(float), &a, sizeof a), memcpy(row + SLT_SIDE_B * sizeof(float), &b, sizeof b);
-    memcpy(row + SLT_SIDE_WEIGHT * sizeof(float), narrow, sizeof narrow);
+    if (s->f64) put_side_as(s, unit, a, b, weight, at, true);
+    else put_side_as(s, unit, a, b, weight, at, false);
 }
 
 uint32_t pieces_tell(bool f64, const double number[SLT_TOLD], uint32_t whole) {
@@ -158,17 +159,24 @@ uint32_t pieces_tell(bool f64, const double number[SLT_TOLD], uint32_t whole) {
     return unit;
 }
 
+static inline __attribute__((always_inline)) void put_piece(const Search *s, uint32_t unit, double area, double at_s,
+                                                            double at_t, int32_t triangle, uint32_t sides, bool f64) {
+    const Search as = {.store = s->store, .f64 = f64};
+    put(&as, unit, SLT_PIECE_AREA, area);
+    put(&as, unit, SLT_PIECE_S, at_s), put(&as, unit, SLT_PIECE_T, at_t);
+    put_int(&as, unit, SLT_PIECE_NEXT, 0);
+    put_int(&as, unit, SLT_PIECE_TRIANGLE, triangle);
+    put_int(&as, unit, SLT_PIECE_SIDES, (int32_t)sides);
+}
+
 static uint32_t tell(Search *s, int32_t triangle, double area, double at_s, double at_t, uint32_t sides) {
     const uint32_t unit = s->store->n;
-    put(s, unit, SLT_PIECE_AREA, area);
-    put(s, unit, SLT_PIECE_S, at_s), put(s, unit, SLT_PIECE_T, at_t);
-    put_int(s, unit, SLT_PIECE_NEXT, 0);
-    put_int(s, unit, SLT_PIECE_TRIANGLE, triangle);
-    put_int(s, unit, SLT_PIECE_SIDES, (int32_t)sides);
+    if (s->f64) put_piece(s, unit, area, at_s, at_t, triangle, sides, true);
+    else put_piece(s, unit, area, at_s, at_t, triangle, sides, false);
     if (s->first) put_int(s, s->last, SLT_PIECE_NEXT, (int32_t)unit);
     else s->first = unit;
     s->last = unit;
-    count_units(s->store, unit + 1 + sides);
+    s->store->n = unit + 1 + sides;
     return unit;
 }
 

@@ -95,12 +95,22 @@ static bool same(const void *rays, bool f64, uint32_t width, uint32_t rows, uint
     return true;
 }
 
+/* Do all lanes ask, each with other numbers from row `first` on than the one before? Three are looked at. */
+static bool all_apart(const void *rays, bool f64, uint64_t mask, uint32_t width, uint32_t first) {
+    const float *x = (const float *)rays + (size_t)first * width, *y = x + width, *z = y + width;
+    if (f64 || mask != ~0ull >> (64 - width)) return false;
+    int alike = 0;
+    for (uint32_t k = 1; k < width; k++) alike |= (x[k] == x[k - 1]) & (y[k] == y[k - 1]) & (z[k] == z[k - 1]);
+    return !alike;
+}
+
 /* A call is padded with copies of a sample, and what is asked may be the same for all of them. Lanes of `mask` whose
  * question is not that of the lane before; like: where it is, the lane that asks it. */
 static uint64_t asking(const void *rays, bool f64, uint64_t mask, uint32_t width, uint32_t rows, uint32_t first,
                        uint32_t like[64]) {
     uint64_t own = mask;
     uint32_t last = 0;
+    if (all_apart(rays, f64, mask, width, first)) return own;
     for (uint32_t k = 0; k < width; k++) {
         if (!(mask >> k & 1)) continue;
         bool again = own >> last & 1 && last < k && same(rays, f64, width, rows, first, last, k);
@@ -127,8 +137,9 @@ static void find(const SltGeometry *g, const void *values, const void *rays, uin
                           .facets = m->facets,
                           .blind = m->blind};
     uint32_t like[64];
-    uint64_t own = asking(rays, m->from.f64, mask, width, SLT_BEAM_ROWS, SLT_BEAM_CORNER, like), known = 0;
     for (uint32_t k = 0; k < width; k++) witness[k] = 0;
+    if (pieces_none(&s, rays, width)) return;
+    uint64_t own = asking(rays, m->from.f64, mask, width, SLT_BEAM_ROWS, SLT_BEAM_CORNER, like), known = 0;
     if (held) known = held_find(held, g, rays, m->from.f64, own, width, witness);
     if (own != known) {
         if (!pieces_find(&s, rays, own & ~known, width, witness)) atomic_store(m->lost, true);

@@ -40,7 +40,14 @@ typedef struct Near {
 /* Where eight of them lie in the frame that they were listed in; where there is none, nowhere. */
 typedef struct NearBoxes {
     _Alignas(64) double lo[2][8], hi[2][8];
+    double nearest[8]; /* Near */
 } NearBoxes;
+
+/* Eight of them that windows which are looked through together may see. */
+typedef struct Close {
+    NearBoxes box;
+    uint32_t near[8];
+} Close;
 
 /* What the windows of eight lanes have of a triangle. */
 typedef struct Found {
@@ -71,13 +78,20 @@ typedef struct Facet {
 
 /* What eight triangles have of a window each: sheet.inc.h. */
 typedef struct Parts {
-    double g[3][3][8]; /* of each edge */
-    double area[8], centre[2][8];
+    _Alignas(64) double area[8], centre[2][8];
     double end[3][4][8]; /* of the part of each edge in the window: s and t of its begin, of its end */
     double weight[3][8]; /* SLT_SIDE_WEIGHT */
     uint8_t there[3];    /* bit i: of triangle i this edge has a part */
     uint8_t good;        /* bit i: all that is known */
 } Parts;
+
+enum { LINES = 256 };
+
+/* Edges of the triangles of parts that are measured next, as lines g = 0 of their windows. */
+typedef struct PartLines {
+    double g[3][3][LINES + 8];
+    uint32_t measured; /* before them */
+} PartLines;
 
 /* Where two facets cross. */
 typedef struct Crossing {
@@ -147,13 +161,15 @@ typedef struct Store {
     ROW(int32_t) list;
     ROW(Near) near;
     ROW(NearBoxes) boxes;
+    ROW(Close) close; /* n triangles, in eights */
     Listed listed;
-    ROW(Found) found;    /* of a row of eight lanes */
-    ROW(uint8_t) met;    /* which of them */
-    ROW(uint32_t) order; /* of what a lane has found */
-    ROW(double) most;    /* the same */
-    ROW(Candidate) candidate;
+    ROW(Found) found;         /* of a row of eight lanes */
+    ROW(uint8_t) met;         /* which of them */
+    ROW(uint32_t) order;      /* of what a lane has found */
+    ROW(double) most;         /* the same */
+    ROW(Candidate) candidate; /* FEW_FACETS for each lane, OTHER_CANDIDATES behind */
     ROW(Parts) parts;
+    PartLines lines;
     ROW(Facet) facet;
     ROW(uint32_t) chosen; /* facets of a part of the window */
     ROW(Crossing) crossing;
@@ -188,7 +204,7 @@ typedef struct Search {
     uint32_t first, last;       /* units of pieces; 0: none yet */
 } Search;
 
-enum { LANES = 64 };
+enum { LANES = 64, OTHER_CANDIDATES = LANES * FEW_FACETS };
 
 /* Windows of lanes, rows of SltBeamRow; the corner seen from the eye. */
 enum { BEAM_Q = SLT_BEAM_ROWS, BEAM_OWN = BEAM_Q + 3, BEAM_ALL };
@@ -199,7 +215,10 @@ typedef struct Beams {
     _Alignas(64) double row[BEAM_ALL][LANES];
     uint64_t mask, far; /* far: the eye is */
     uint64_t blind;     /* asked, but with a number that is not finite, or beyond 1e30 */
+    bool shared;        /* eye, u and v are those of all lanes: their rows are eight long */
 } Beams;
+/* Where a lane's eye, u and v are in their rows. */
+static inline uint32_t beam_lane(const Beams *b, uint32_t lane) { return b->shared ? lane % 8 : lane; }
 #define FAR_EYE 8.0 /* times the mesh's largest coordinate */
 #define NEAR_WINDOW 0.25 /* of the way to the eye: a corner nearer to the origin */
 
@@ -214,11 +233,13 @@ typedef struct Places {
 } Places;
 
 /* Windows from `base` to `last`, which are looked through together. Of a lane first the triangles that face as the
- * nearest does are known: candidates from first[k] on, nearest first unless they are more than FEW_FACETS. */
+ * nearest does are known: candidates from first[k] on, nearest first; of more than FEW_FACETS only that. */
 typedef struct Neighbours {
     uint32_t base, last;
+    Rectangle all;           /* around them */
     bool alike;              /* all have the same u and v */
     uint64_t whole;          /* lanes with nothing but triangle[k], which fills the window */
+    uint64_t open;           /* those with others */
     int32_t triangle[LANES]; /* of these */
     uint32_t first[LANES], count[LANES];
     double others[LANES]; /* the most of 1 / t of those which face the other way */
@@ -226,6 +247,9 @@ typedef struct Neighbours {
 
 /* beams.inc.h, facets.inc.h, cover.inc.h */
 typedef struct FacetSearch {
+    /* Do all windows, of rows as they come, surely lie in a rectangle of the frame, and where? */
+    bool (*inside)(const Window *frame, const Rectangle *in, bool f64, const void *rays, uint32_t width,
+                   Rectangle *all);
     /* Windows as the search takes them. */
     void (*read)(Beams *b, bool f64, const void *rays, uint64_t mask, uint32_t width, double magnitude);
     void (*place)(const Window *window, const Beams *b, uint32_t base, uint32_t width, Places *out);
@@ -282,6 +306,7 @@ static inline void window_facets(const Search *s, uint32_t n) {
 
 /* told.c */
 Store *told_store(void); /* of the thread; NULL: out of memory */
+void told_end(Store *s); /* behind the last of a search */
 void told_whole(Search *s, int32_t triangle);
 /* Of n candidates, at most FEW_FACETS, nearest first, that face alike; others: the most of 1 / t of those which do not.
  * False: they are not one sheet in front of all others, and nothing is told. */
