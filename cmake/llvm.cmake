@@ -25,12 +25,15 @@ elseif(NOT EXISTS ${LLVM_LINKED})
   list(TRANSFORM names PREPEND "-Wl,-u,")
   separate_arguments(archives UNIX_COMMAND "${LLVM_ARCHIVES}")
   file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/lib)
+  file(GLOB before ${CMAKE_BINARY_DIR}/lib/libLLVM-*-saltus-*) # of other names; who runs keeps what is open
+  file(REMOVE ${LLVM_LINKED}.new ${before})
   execute_process(RESULT_VARIABLE failed OUTPUT_QUIET ERROR_QUIET
     COMMAND ${CMAKE_C_COMPILER} -shared -o ${LLVM_LINKED}.new ${names} -Wl,--version-script=${CMAKE_BINARY_DIR}/generated/llvm.map
       -Wl,--gc-sections -Wl,-Bsymbolic -Wl,-O1 -Wl,-s -Wl,-z,defs -Wl,-z,pack-relative-relocs
       -L${LLVM_LIBDIR} ${archives} -lz ${ZSTD_LIBRARY} -lstdc++ -lm -ldl -lpthread)
   if(failed)
     message(STATUS "LLVM is not linked from archives: ${LLVM_LIBRARY_FILE} will be loaded")
+    file(REMOVE ${LLVM_LINKED}.new) # of a full disk, half of it
     set(LLVM_LINKED "")
   else()
     file(RENAME ${LLVM_LINKED}.new ${LLVM_LINKED})
