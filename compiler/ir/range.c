@@ -337,3 +337,16 @@ static IrRange range_of(const Inst *i, const IrRange *known, uint32_t nknown, ui
 }
 
 IrRange ir_range_of(const Inst *i, const IrRange *known, uint32_t nknown) { return range_of(i, known, nknown, 0); }
+
+static IrRange range_rounded(const Inst *v, uint32_t depth) {
+    if (v->type != TY_FLT || depth > MAX_DEPTH || (ir_ops[v->op].special && v->op != OP_constf)) return IR_RANGE_FINITE;
+    IrRange a[3] = {IR_RANGE_FINITE, IR_RANGE_FINITE, IR_RANGE_FINITE};
+    for (uint32_t k = 0; k < v->nargs; k++) a[k] = range_rounded(v->args[k], depth + 1);
+    IrRange r = v->op == OP_constf
+                    ? ir_range_const(v->imm.f)
+                    : ir_range_row((Op)v->op, a[0], a[1], a[2], v->nargs > 1 && v->args[0] == v->args[1]);
+    r.lo -= fabs(r.lo) * 0x1p-23, r.hi += fabs(r.hi) * 0x1p-23; /* rounding is monotone */
+    return r;
+}
+
+IrRange ir_range_rounded(const Inst *v) { return range_rounded(v, 0); }

@@ -45,5 +45,7 @@ void ir_told(const Fn *fn, Arena *scratch, uint8_t *told);
 /* Backwards from one integer, a few operands deep, without looking at the rest of the Fn. known (may be NULL): ranges
  * that the caller knows better, by Inst.tag; a tag of 0, or of nknown and more, has none. */
 IrRange ir_range_of(const Inst *i, const IrRange *known, uint32_t nknown);
+/* Likewise from one float, with every rounding on the way in either precision: it holds exactly, where v is no NaN. */
+IrRange ir_range_rounded(const Inst *v);
 
 #endif

@@ -25,21 +25,10 @@ static Part at_most(Emit *e, Part x, double limit) {
     return LL(BuildSelect)(e->b, LL(BuildFCmp)(e->b, LLVMRealOLT, x, most, ""), x, most, "");
 }
 
-/* What v may be where it is no NaN, with every rounding on the way; a few operands deep. */
-static IrRange rounded_range(const Inst *v, uint32_t depth) {
-    enum { MAX_DEPTH = 8 };
-    if (v->op == OP_constf) return ir_range_const(v->imm.f);
-    if (v->type != TY_FLT || ir_ops[v->op].special || depth > MAX_DEPTH) return IR_RANGE_FINITE;
-    IrRange a[3] = {IR_RANGE_FINITE, IR_RANGE_FINITE, IR_RANGE_FINITE};
-    for (uint32_t k = 0; k < v->nargs; k++) a[k] = rounded_range(v->args[k], depth + 1);
-    IrRange r = ir_range_row((Op)v->op, a[0], a[1], a[2], v->nargs > 1 && v->args[0] == v->args[1]);
-    return (IrRange){r.lo - fabs(r.lo) * 0x1p-23, r.hi + fabs(r.hi) * 0x1p-23, r.beyond}; /* rounding is monotone */
-}
-
 /* Is v between what rounds to 0 and what rounds to 255, if it is no NaN? */
 static bool gives_byte(const Emit *e, const Inst *v) {
     if (e->opt->pixels == BACK_PIXELS_SRGB || !emit_converts(e)) return false;
-    const IrRange r = rounded_range(v, 0);
+    const IrRange r = ir_range_rounded(v);
     return r.lo > -0.49 / 255 && r.hi < 1 + 0.49 / 255;
 }
 
