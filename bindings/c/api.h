@@ -24,8 +24,8 @@ typedef struct DerivedState DerivedState;       /* derived.h */
 typedef struct GradientKernels GradientKernels; /* turns.c */
 
 /* Kernels that may never be called: those of lines, where cells integrate; that of the value, where f comes with its
- * adjoints. Their IR is there, since layouts and geometries follow from it; LLVM compiles them when one of them is
- * called, that of the value alone and all others together. */
+ * adjoints. Their layouts and geometries are known, from their IR or recalled (fn is NULL then); LLVM compiles them
+ * when one of them is called, that of the value alone and all others together. */
 typedef struct LateKernels {
     pthread_mutex_t lock; /* of all, while an estimate runs */
     KernelRequest request[K_KINDS];
@@ -62,10 +62,11 @@ struct SltProgram {
     uint8_t *wrt;             /* [nfloats]: 1 where a gradient is wanted */
     bool *asset_loaded;       /* by parameter: its file has been read */
 
-    SltScene scene;      /* what the runtime sees; points into the members below */
-    Fn *fn[K_KINDS];     /* IR of the kernels compiled so far */
-    bool tried[K_KINDS]; /* asked for before: where fn is NULL all the same, the program has no use for the kernel */
-    TapeReport tape[K_KINDS]; /* of the reverse kernels */
+    SltScene scene;           /* what the runtime sees; points into the members below */
+    bool tried[K_KINDS];      /* asked for before */
+    bool has[K_KINDS];        /* those of them that are there; of others the program has no use */
+    Fn *fn[K_KINDS];          /* their IR; NULL: none, or it was recalled that they need none (api_fn makes it) */
+    TapeReport tape[K_KINDS]; /* of the reverse kernels that have IR */
     atomic_bool tape_full;    /* of the call at hand: SltScene.tape_full */
     CompiledModule *modules[16];
     uint32_t nmodules;
@@ -110,8 +111,9 @@ struct SltProgram {
     char *text[4];  /* malloc'd strings handed out: diagnostics as text, as JSON */
 };
 
-/* ---- kernels.c: compiles those of the kernels that the program needs and lacks, then fills p->scene. `late`: which
- * may wait until they are called; NULL: none. */
+/* ---- kernels.c: compiles those of the kernels that the program needs and lacks, then fills p->scene. api_kernels also
+ * sees to their IR, which the others do without where the cache has what follows from it (recall.h). `late`: which may
+ * wait until they are called; NULL: none. */
 SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err);
 SltStatus api_kernels_late(SltProgram *p, const bool needs[K_KINDS], const bool *late, SltError *err);
 /* `soon`: what a later call will need whatever these say. They are compiled beside, and kept in the cache apart. */
@@ -119,6 +121,10 @@ SltStatus api_kernels_beside(SltProgram *p, const bool needs[K_KINDS], const boo
 /* The same for kernels that are not run here: for objects of another machine, and to be shown. api_kernels refuses a
  * target that this processor lacks; this does not. */
 SltStatus api_kernels_unrun(SltProgram *p, const bool needs[K_KINDS], SltError *err);
+/* The IR of a kernel; NULL: there is none, or no memory for it. */
+const Fn *api_fn(SltProgram *p, int kind);
+/* In a protected session: makes the IR of kernels that were recalled. wrt: what is differentiated, NULL: anything. */
+void api_missing(SltProgram *p, const bool kinds[K_KINDS], const uint8_t *wrt);
 /* One module of n kernels; NULL: none, and err says why. few, plain: see BackOptions. */
 CompiledModule *api_compile_module(SltProgram *p, Session *s, const KernelRequest *req, uint32_t n, uint64_t few,
                                    uint64_t plain, unsigned level, SltError *err);
@@ -186,6 +192,7 @@ void api_geometries_free(SltProgram *p);
 void api_geometries_watch(SltProgram *p, const double *values, uint32_t base, uint32_t count);
 uint32_t api_geometry_queries(const Fn *fn, uint32_t geometry); /* bit (1 << SltQuery): what fn asks that geometry */
 void api_geometries_want(SltProgram *p, const Fn *fn); /* fn will run: the next api_geometries makes what fn asks for */
+void api_geometries_ask(SltProgram *p, const uint32_t *queries); /* likewise; by geometry, a bit a query */
 /* Makes the geometries that compiled kernels ask for; those that are there follow their numbers in flt. */
 SltStatus api_geometries(SltProgram *p, SltError *err);
 bool api_geometries_lost(const SltProgram *p); /* geometry_lost of any */

@@ -89,7 +89,7 @@ SltStatus slt_bound(SltProgram *p, const SltJob *job, uint32_t n, const double *
     if (s == SLT_OK && p->opt.rgba8 && !p->opt.interpret)
         s = status_fail(err, SLT_USAGE, "a program compiled with rgba8 has pixels for values, which have no bounds");
     if (s == SLT_OK) s = check_boxes(p, n, lo, hi, err);
-    if (s == SLT_OK) s = api_call_kernels(&c, needs);
+    if (s == SLT_OK) s = api_kernels(p, needs, err); /* sites are named from its IR */
     Asked a = {p, (char *)out, n ? out->struct_size : 0};
     if (s == SLT_OK) s = slt_estimate_boxes(&p->scene, &c.job, n, lo, hi, take, &a, NULL, err);
     return api_call_end(&c, s);

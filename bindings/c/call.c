@@ -117,7 +117,9 @@ SltStatus api_call_begin(ApiCall *c, SltProgram *p, const SltJob *job, SltStats 
     return take_ints(p, c->job.ints, &c->ints, err);
 }
 
-SltStatus api_call_kernels(ApiCall *c, const bool needs[K_KINDS]) { return api_kernels(c->p, needs, c->err); }
+SltStatus api_call_kernels(ApiCall *c, const bool needs[K_KINDS]) {
+    return api_kernels_late(c->p, needs, NULL, c->err);
+}
 
 SltStatus api_call_kernels_late(ApiCall *c, const bool needs[K_KINDS], const bool *late) {
     return api_kernels_late(c->p, needs, late, c->err);

@@ -28,6 +28,10 @@ void api_geometries_want(SltProgram *p, const Fn *fn) {
     for (uint32_t g = 0; g < p->prog->ngeometries; g++) p->geometry_state[g].wanted |= api_geometry_queries(fn, g);
 }
 
+void api_geometries_ask(SltProgram *p, const uint32_t *queries) {
+    for (uint32_t g = 0; g < p->prog->ngeometries; g++) p->geometry_state[g].wanted |= queries[g];
+}
+
 bool api_geometries_init(SltProgram *p) {
     uint32_t n = p->prog->ngeometries;
     p->geometries = calloc(n + 1, sizeof *p->geometries);

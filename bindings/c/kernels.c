@@ -5,6 +5,7 @@
 #include <time.h>
 
 #include "bindings/c/api.h"
+#include "bindings/c/recall.h"
 #include "compiler/pass/depend.h"
 
 /* Up to so many events a sample the near-miss probe is on by default, and regions are told apart by path: then a band
@@ -69,13 +70,6 @@ static void interpret(void *user, int kind, SltKernelArgs *args, uint32_t n) {
 
 static void interpreted(SltKernelArgs *args, uint32_t n) { (void)args, (void)n; }
 
-typedef struct Request {
-    SltProgram *p;
-    bool needs[K_KINDS], late[K_KINDS], soon[K_KINDS], cull, cells;
-    SltStatus status;
-    SltError *err;
-} Request;
-
 static void fill_scene(SltProgram *p) {
     SltScene *s = &p->scene;
     Program *g = p->prog;
@@ -117,7 +111,7 @@ static void find_list_counts(const Block *b, uint32_t counts[SLT_MAX_CULL], uint
     }
 }
 
-static void find_noted(const Block *b, uint8_t *noted) {
+static void find_noted(const Block *b, uint8_t noted[SLT_MAX_CULL]) {
     for (const Inst *i = b->first; i; i = i->next) {
         if (i->op == OP_note) noted[i->imm.i] = 1;
         for (uint32_t r = 0; r < i->nregions; r++) find_noted(i->region[r], noted);
@@ -155,37 +149,38 @@ static void site_tables(SltProgram *p) {
     find_list_counts(primal->body, p->list_counts, &p->nlists);
 }
 
-static void edge_table(SltProgram *p, const KernelSet *set) {
-    if (!set->edges || p->edge_kind) return; /* the same ones each time */
-    p->edge_kind = ARENA_ARRAY(&p->session->module, uint8_t, set->nedges + 1);
-    p->edge_bends = ARENA_ARRAY(&p->session->module, uint8_t, set->nedges + 1);
-    p->nedges = set->nedges, p->flat = set->flat, p->told = set->told, p->chunked = set->chunked;
+/* ---- facts of kernels, from their IR */
+static uint32_t *queries_of(const SltProgram *p, const Fn *fn) {
+    uint32_t *queries = ARENA_ARRAY(&p->session->module, uint32_t, p->prog->ngeometries + 1);
+    for (uint32_t g = 0; g < p->prog->ngeometries; g++) queries[g] = api_geometry_queries(fn, g);
+    return queries;
+}
+
+static void edge_facts(const SltProgram *p, const KernelSet *set, OrderFacts *f) {
+    if (!set->edges) return;
+    f->edge = ARENA_ARRAY(&p->session->module, EdgeFacts, set->nedges + 1);
+    f->nedges = set->nedges, f->flat = set->flat, f->told = set->told, f->chunked = set->chunked;
     for (uint32_t e = 0; e < set->nedges; e++) {
-        p->edge_kind[e] = (uint8_t)set->edges[e].kind;
-        p->edge_bends[e] = e >= p->prog->primal->nsites && !set->edges[e].jumps;
-        if (set->edges[e].argmin && set->edges[e].kind == SITE_COMPARE) {
-            if (!p->edge_argmin) p->edge_argmin = ARENA_ARRAY(&p->session->module, int8_t, set->nedges + 1);
-            p->edge_argmin[e] = set->edges[e].argmin;
-        }
-        if (!set->edges[e].upsets) continue;
-        if (!p->edge_upsets) {
-            p->edge_upsets = ARENA_ARRAY(&p->session->module, uint8_t, set->nedges + 1);
-            p->edge_line = ARENA_ARRAY(&p->session->module, uint32_t, set->nedges + 1);
-        }
+        const SiteInfo *edge = &set->edges[e];
+        f->edge[e] = (EdgeFacts){.kind = (uint8_t)edge->kind,
+                                 .bends = e >= p->prog->primal->nsites && !edge->jumps,
+                                 .upsets = (uint8_t)edge->upsets,
+                                 .argmin = edge->kind == SITE_COMPARE ? edge->argmin : (int8_t)0};
         uint32_t column;
-        span_position(p->session, set->edges[e].span, &p->edge_line[e], &column);
-        p->edge_upsets[e] = (uint8_t)set->edges[e].upsets;
+        if (edge->upsets) span_position(p->session, edge->span, &f->edge[e].line, &column);
     }
 }
 
-/* The bounds of a [Cull] loop, which have no variants. */
-static void finish_bounds(SltProgram *p, Fn *bounds) {
-    SltLayout *layout = &p->scene.layout[SLT_K_CULL];
-    uint64_t reads = layout->reads;
+/* Lowers the bounds of a [Cull] loop, which have no variants. */
+static void bounds_facts(SltProgram *p, Fn *bounds, KernelFacts *f) {
+    const uint64_t reads = f->layout.reads;
     pipeline_kernel(&p->passes, bounds);
-    *layout = pipeline_layout(bounds);
-    layout->reads |= reads; /* what any of them reads */
-    api_geometries_want(p, bounds);
+    f->made = true;
+    f->layout = pipeline_layout(bounds);
+    f->layout.reads |= reads; /* what any of them reads */
+    const uint32_t *queries = queries_of(p, bounds);
+    if (!f->queries) f->queries = ARENA_ARRAY(&p->session->module, uint32_t, p->prog->ngeometries + 1);
+    for (uint32_t g = 0; g < p->prog->ngeometries; g++) f->queries[g] |= queries[g];
 }
 
 static BackOptions back_options(const SltProgram *p, uint64_t few, uint64_t plain, unsigned opt_level) {
@@ -234,16 +229,6 @@ static bool is_of_boxes(int kind) {
 
 static bool is_long(const KernelSet *set, int kind) { return kind == K_PRUNE || (set->chunked && is_of_boxes(kind)); }
 
-static void put_off(SltProgram *p, int kind, const KernelRequest *req, bool few, bool plain, unsigned level) {
-    LateKernels *l = &p->late;
-    l->few |= (uint64_t)few << l->n, l->plain |= (uint64_t)plain << l->n, l->level = level;
-    l->kind[l->n] = (SltKernelKind)kind, l->request[l->n++] = *req;
-    p->scene.kernel[kind] = slt_kernel_late;
-    BackOptions o = back_options(p, few, plain, level);
-    uint32_t width = back_width_choice(req, 0, &o).lanes;
-    if (width > p->scene.widest) p->scene.widest = width;
-}
-
 /* Kernels of a module, in the order of their kinds. */
 typedef struct Group {
     KernelRequest req[K_KINDS + SLT_MAX_CULL];
@@ -273,74 +258,226 @@ static SltStatus make_modules(SltProgram *p, Session *s, Group group[2], unsigne
     return status;
 }
 
-static void build_body(Session *s, void *arg) {
-    Request *q = arg;
-    SltProgram *p = q->p;
-    const unsigned level = p->prog->primal->nsites > MANY_SITES ? 0 : 2;
-    if (!p->site_kind) site_tables(p);
-    VariantOptions vo = {.near_miss = api_near_miss(p),
-                         .paper_argmin = p->opt.paper_argmin,
-                         .paper_forced = p->opt.paper_forced,
-                         .path_hash = p->opt.path_hash || api_near_miss(p),
-                         .cells = q->cells,
-                         .most_site_size = p->most_site_size};
-    AdOptions ad = {.wrt = p->wrt};
-    KernelSet set;
-    double start = now_ms();
-    pipeline_kernels(&p->passes, p->prog, q->needs, &vo, &ad, &set);
-    edge_table(p, &set);
-    if (q->cull)
-        for (uint32_t c = 0; c < p->prog->ncull; c++) finish_bounds(p, p->prog->cull_bounds[c]);
-    if (q->cull && p->opt.verify) api_check_cull(p);
-    p->ms_passes += now_ms() - start;
+static unsigned level_of(const SltProgram *p) { return p->prog->primal->nsites > MANY_SITES ? 0 : 2; }
 
-    if (set.chunks) p->scene.chunks = set.chunks;
-    if (set.fn[K_REGION]) p->scene.hides = set.hides;
-    for (int k = 0; k < K_KINDS; k++) p->tried[k] |= q->needs[k];
-    Group group[2] = {0}; /* what is needed now, and soon */
+static VariantOptions variant_options(const SltProgram *p, bool cells) {
+    return (VariantOptions){.near_miss = api_near_miss(p),
+                            .paper_argmin = p->opt.paper_argmin,
+                            .paper_forced = p->opt.paper_forced,
+                            .path_hash = p->opt.path_hash || api_near_miss(p),
+                            .cells = cells,
+                            .most_site_size = p->most_site_size};
+}
+
+static void reverse_facts(SltProgram *p, int kind, Fn *fn, OrderFacts *f) {
+    if (!f->dense) f->dense = ARENA_ARRAY(&p->session->module, uint8_t, p->prog->nfloats + 1);
+    const bool adds = back_dense_adjoints(fn, f->dense);
+    if (kind == K_SITE_VJP) f->site_logs = !adds && !p->opt.interpret;
+    else f->rigid = !ir_has(fn->body, OP_adj);
+}
+
+static void kernel_facts(SltProgram *p, int kind, const KernelSet *set, OrderFacts *f) {
+    KernelFacts *k = &f->kernel[kind];
+    Fn *fn = set->fn[kind];
+    *k = (KernelFacts){.made = true,
+                       .few = is_of_boxes(kind) && !is_long(set, kind),
+                       .plain = is_long(set, kind),
+                       .tape_grows = set->tape[kind].grows,
+                       .tape_bytes = set->tape[kind].bytes_per_lane,
+                       .layout = set->layout[kind],
+                       .queries = queries_of(p, fn)};
+    if (kind == K_BOUNDS) find_noted(fn->body, f->noted);
+    if (kind == K_VJP || kind == K_SITE_VJP) reverse_facts(p, kind, fn, f);
+}
+
+/* ---- a program's own tables, from facts */
+static void adopt_edges(SltProgram *p, const OrderFacts *f) {
+    if (!f->edge || p->edge_kind) return; /* the same ones each time */
+    Arena *a = &p->session->module;
+    const uint32_t n = f->nedges;
+    p->edge_kind = ARENA_ARRAY(a, uint8_t, n + 1), p->edge_bends = ARENA_ARRAY(a, uint8_t, n + 1);
+    p->nedges = n, p->flat = f->flat, p->told = f->told, p->chunked = f->chunked;
+    for (uint32_t e = 0; e < n; e++) {
+        const EdgeFacts *edge = &f->edge[e];
+        p->edge_kind[e] = edge->kind, p->edge_bends[e] = edge->bends;
+        if (edge->argmin) {
+            if (!p->edge_argmin) p->edge_argmin = ARENA_ARRAY(a, int8_t, n + 1);
+            p->edge_argmin[e] = edge->argmin;
+        }
+        if (!edge->upsets) continue;
+        if (!p->edge_upsets)
+            p->edge_upsets = ARENA_ARRAY(a, uint8_t, n + 1), p->edge_line = ARENA_ARRAY(a, uint32_t, n + 1);
+        p->edge_upsets[e] = edge->upsets, p->edge_line[e] = edge->line;
+    }
+}
+
+static void adopt_kernel(SltProgram *p, int kind, const KernelFacts *k) {
+    SltScene *scene = &p->scene;
+    p->has[kind] = true;
+    scene->layout[kind] = k->layout;
+    api_geometries_ask(p, k->queries);
+    if (k->tape_bytes > scene->tape_bytes) scene->tape_bytes = k->tape_bytes;
+    scene->tape_grows |= k->tape_grows;
+    p->compiled_few[kind] = k->few, p->compiled_level[kind] = k->plain ? 0 : (uint8_t)level_of(p);
+}
+
+static void adopt(const KernelOrder *q, const OrderFacts *f) {
+    SltProgram *p = q->p;
+    adopt_edges(p, f);
     for (int k = 0; k < K_KINDS; k++) {
-        if (!set.fn[k]) continue;
-        p->fn[k] = set.fn[k];
-        p->tape[k] = set.tape[k];
-        p->scene.layout[k] = set.layout[k];
-        api_geometries_want(p, set.fn[k]);
-        if (k == K_BOUNDS) find_noted(set.fn[k]->body, p->list_noted);
-        if (k == K_VJP || k == K_SITE_VJP) {
-            if (!p->dense) p->dense = ARENA_ARRAY(&s->module, uint8_t, p->prog->nfloats + 1);
-            bool adds = back_dense_adjoints(set.fn[k], p->dense);
-            if (k == K_SITE_VJP) p->scene.site_logs = !adds && !p->opt.interpret;
-        }
-        if (k == K_VJP) p->scene.rigid = !ir_has(set.fn[k]->body, OP_adj);
-        if (set.tape[k].bytes_per_lane > p->scene.tape_bytes) p->scene.tape_bytes = set.tape[k].bytes_per_lane;
-        p->scene.tape_grows |= set.tape[k].grows;
-        p->compiled_few[k] = is_of_boxes(k) && !is_long(&set, k);
-        p->compiled_level[k] = is_long(&set, k) ? 0 : (uint8_t)level;
-        const KernelRequest this = {kernel_names[k], set.fn[k]};
-        if (k == K_VALUE && p->opt.rgba8) {
-            const BackOptions o = back_options(p, 0, 0, level);
-            back_share_row(set.fn[k], &p->target, back_width_choice(&this, 0, &o).lanes);
-        }
+        p->tried[k] |= q->needs[k];
+        if (f->kernel[k].made) adopt_kernel(p, k, &f->kernel[k]);
+    }
+    if (f->kernel[K_REGION].made) p->scene.hides = f->hides;
+    if (f->kernel[K_SITE_VJP].made) p->scene.site_logs = f->site_logs;
+    if (f->kernel[K_VJP].made) p->scene.rigid = f->rigid;
+    for (uint32_t l = 0; l < SLT_MAX_CULL; l++) p->list_noted[l] |= f->noted[l];
+    if (f->dense && !p->dense) p->dense = ARENA_ARRAY(&p->session->module, uint8_t, p->prog->nfloats + 1);
+    for (uint32_t i = 0; f->dense && i < p->prog->nfloats; i++) p->dense[i] |= f->dense[i];
+    if (!f->cull.made) return;
+    p->scene.layout[SLT_K_CULL] = f->cull.layout;
+    api_geometries_ask(p, f->cull.queries);
+}
+
+/* Kernels that are compiled take their places. */
+static void adopt_modules(const KernelOrder *q, const OrderFacts *f, CompiledModule *const module[ORDER_MODULES]) {
+    SltProgram *p = q->p;
+    for (int k = 0; k < K_KINDS; k++) {
+        CompiledModule *m = module[q->soon[k]];
+        if (!f->kernel[k].made) continue;
         if (p->opt.interpret) p->scene.kernel[k] = interpreted;
-        else if (q->late[k]) put_off(p, k, &this, p->compiled_few[k], is_long(&set, k), level);
-        else add_kernel(&group[q->soon[k]], this, p->compiled_few[k], is_long(&set, k));
+        else if (q->late[k]) p->scene.kernel[k] = slt_kernel_late;
+        else p->scene.kernel[k] = back_kernel(m, kernel_names[k]), p->module_of[k] = m;
+        if (f->kernel[k].lanes > p->scene.widest) p->scene.widest = f->kernel[k].lanes;
     }
-    if (q->cull)
-        for (uint32_t c = 0; c < p->prog->ncull; c++)
-            add_kernel(&group[0], (KernelRequest){arena_printf(&s->module, "cull%u", c), p->prog->cull_bounds[c]},
-                       false, false);
-    q->status = make_modules(p, s, group, level, q->err);
-    if (q->status != SLT_OK) return;
+    for (uint32_t c = 0; q->cull && module[0] && c < p->prog->ncull; c++)
+        p->cull_kernels[c] = back_kernel(module[0], arena_printf(&p->session->module, "cull%u", c));
+}
+
+/* fn: NULL, where its IR is made when it is called. */
+static void put_off(SltProgram *p, int kind, Fn *fn, const KernelFacts *k) {
+    LateKernels *l = &p->late;
+    l->few |= (uint64_t)k->few << l->n, l->plain |= (uint64_t)k->plain << l->n, l->level = level_of(p);
+    l->kind[l->n] = (SltKernelKind)kind, l->request[l->n++] = (KernelRequest){kernel_names[kind], fn};
+}
+
+/* From IR: compiles kernels, and says what there is to know of them. */
+static SltStatus compile_order(KernelOrder *q, const KernelSet *set, OrderFacts *f,
+                               CompiledModule *module[ORDER_MODULES]) {
+    SltProgram *p = q->p;
+    const unsigned level = level_of(p);
+    Group group[ORDER_MODULES] = {0};
     for (int k = 0; k < K_KINDS; k++) {
-        const CompiledModule *m = group[q->soon[k]].made;
-        if (!set.fn[k] || q->late[k] || !m) continue;
-        p->scene.kernel[k] = back_kernel(m, kernel_names[k]);
-        p->module_of[k] = group[q->soon[k]].made;
-        uint32_t width = back_width(m, kernel_names[k]);
-        if (width > p->scene.widest) p->scene.widest = width;
+        const KernelRequest this = {kernel_names[k], set->fn[k]};
+        KernelFacts *facts = &f->kernel[k];
+        if (!set->fn[k]) continue;
+        p->fn[k] = set->fn[k], p->tape[k] = set->tape[k];
+        kernel_facts(p, k, set, f);
+        const BackOptions o = back_options(p, facts->few, facts->plain, level);
+        if (k == K_VALUE && p->opt.rgba8) back_share_row(set->fn[k], &p->target, back_width_choice(&this, 0, &o).lanes);
+        if (p->opt.interpret) continue;
+        if (q->late[k]) facts->lanes = back_width_choice(&this, 0, &o).lanes;
+        else add_kernel(&group[q->soon[k]], this, facts->few, facts->plain);
     }
-    if (q->cull && group[0].made)
-        for (uint32_t c = 0; c < p->prog->ncull; c++)
-            p->cull_kernels[c] = back_kernel(group[0].made, arena_printf(&s->module, "cull%u", c));
+    for (uint32_t c = 0; q->cull && c < p->prog->ncull; c++)
+        add_kernel(&group[0], (KernelRequest){arena_printf(&p->session->module, "cull%u", c), p->prog->cull_bounds[c]},
+                   false, false);
+    SltStatus status = make_modules(p, p->session, group, level, q->err);
+    for (uint32_t m = 0; m < ORDER_MODULES; m++) {
+        module[m] = group[m].made;
+        if (module[m]) f->module[m] = back_key(module[m]);
+    }
+    for (int k = 0; k < K_KINDS; k++)
+        if (f->kernel[k].made && !q->late[k] && module[q->soon[k]])
+            f->kernel[k].lanes = back_width(module[q->soon[k]], kernel_names[k]);
+    for (uint32_t c = 0; q->cull && module[0] && c < p->prog->ncull; c++)
+        f->cull_lanes[c] = back_width(module[0], arena_printf(&p->session->module, "cull%u", c));
+    return status;
+}
+
+static void make_ir(KernelOrder *q, KernelSet *set, OrderFacts *f) {
+    SltProgram *p = q->p;
+    const VariantOptions vo = variant_options(p, q->cells);
+    const AdOptions ad = {.wrt = p->wrt};
+    const double start = now_ms();
+    pipeline_kernels(&p->passes, p->prog, q->needs, &vo, &ad, set);
+    edge_facts(p, set, f);
+    f->hides = set->hides;
+    if (q->cull) {
+        f->cull_lanes = ARENA_ARRAY(&p->session->module, uint32_t, p->prog->ncull + 1);
+        for (uint32_t c = 0; c < p->prog->ncull; c++) bounds_facts(p, p->prog->cull_bounds[c], &f->cull);
+        if (p->opt.verify) api_check_cull(p);
+    }
+    p->ms_passes += now_ms() - start;
+}
+
+/* Have all kernels been put where the cache has them? */
+static bool are_kept(const OrderFacts *f, CompiledModule *const module[ORDER_MODULES]) {
+    for (uint32_t m = 0; m < ORDER_MODULES; m++)
+        if (module[m] && !f->module[m].len) return false;
+    return true;
+}
+
+static void build_body(Session *s, void *order) {
+    KernelOrder *q = order;
+    SltProgram *p = q->p;
+    OrderFacts f = {0};
+    KernelSet set = {0};
+    CompiledModule *module[ORDER_MODULES] = {NULL};
+    (void)s;
+    if (!p->site_kind) site_tables(p);
+    const CacheKey key = recall_key(q);
+    if (recall(q, &key, &f, module)) {
+        for (uint32_t m = 0; m < ORDER_MODULES; m++)
+            if (module[m]) p->modules[p->nmodules++] = module[m];
+    } else {
+        f = (OrderFacts){0};
+        make_ir(q, &set, &f);
+        q->status = compile_order(q, &set, &f, module);
+        if (q->status != SLT_OK) return;
+        if (key.len && !set.chunks && are_kept(&f, module)) recall_keep(q, &key, &f);
+    }
+    adopt(q, &f);
+    if (set.chunks) p->scene.chunks = set.chunks;
+    for (int k = 0; k < K_KINDS; k++)
+        if (f.kernel[k].made && q->late[k] && !p->opt.interpret) put_off(p, k, set.fn[k], &f.kernel[k]);
+    adopt_modules(q, &f, module);
+}
+
+/* ---- IR of kernels that were recalled */
+typedef struct Missing {
+    SltProgram *p;
+    bool kinds[K_KINDS];
+} Missing;
+
+void api_missing(SltProgram *p, const bool kinds[K_KINDS], const uint8_t *wrt) {
+    const VariantOptions vo = variant_options(p, true);
+    const AdOptions ad = {.wrt = wrt};
+    KernelSet set;
+    pipeline_kernels(&p->passes, p->prog, kinds, &vo, &ad, &set);
+    for (int k = 0; k < K_KINDS; k++)
+        if (kinds[k] && set.fn[k]) p->fn[k] = set.fn[k], p->tape[k] = set.tape[k];
+}
+
+static void missing_body(Session *s, void *missing) {
+    const Missing *m = missing;
+    (void)s;
+    api_missing(m->p, m->kinds, m->p->wrt);
+}
+
+static SltStatus make_missing(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
+    Missing m = {.p = p};
+    bool any = false;
+    for (int k = 0; k < K_KINDS; k++) any |= m.kinds[k] = needs[k] && p->has[k] && !p->fn[k];
+    const int unwound = any ? session_protect(p->session, missing_body, &m) : SLT_OK;
+    return unwound ? status_fail(err, (SltStatus)unwound, "%s", p->session->unwind_text) : SLT_OK;
+}
+
+const Fn *api_fn(SltProgram *p, int kind) {
+    bool needs[K_KINDS] = {false};
+    SltError err;
+    needs[kind] = true;
+    return make_missing(p, needs, &err) == SLT_OK ? p->fn[kind] : NULL;
 }
 
 static void site_tables_body(Session *s, void *program) {
@@ -374,19 +511,19 @@ static bool runs_here(const SltProgram *p) {
     return p->opt.interpret || target_runs(&p->target, &here);
 }
 
-/* late, soon: of those; NULL: none. */
+/* late, soon: of those; NULL: none. by_facts: nobody wants to see their IR. */
 static SltStatus make_kernels(SltProgram *p, const bool needs[K_KINDS], const bool *late, const bool *soon,
-                              SltError *err) {
+                              bool by_facts, SltError *err) {
     SltError own;
     if (!err) err = &own;
     if (!p->prog) return status_fail(err, SLT_USAGE, "the program did not compile");
     SltStatus refused = refuse_many_sites(p, needs, err);
     if (refused != SLT_OK) return refused;
-    Request q = {.p = p, .err = err};
+    KernelOrder q = {.p = p, .by_facts = by_facts, .err = err};
     bool any = false;
     q.cells = needs[K_EDGE] && !(p->tried[K_EDGE] && !p->nedges); /* without an edge no cell has two sides */
     for (int k = 0; k < K_KINDS; k++) {
-        q.needs[k] = needs[k] && (!p->tried[k] || (k == K_SIDES && q.cells && !p->fn[k]));
+        q.needs[k] = needs[k] && (!p->tried[k] || (k == K_SIDES && q.cells && !p->has[k]));
         if (k == K_SITE && p->prog->primal->nsites > LONE_SITE_KERNEL) q.needs[k] = false;
         q.late[k] = q.needs[k] && late && late[k];
         any |= q.needs[k];
@@ -403,7 +540,8 @@ static SltStatus make_kernels(SltProgram *p, const bool needs[K_KINDS], const bo
         if (unwound) return status_fail(err, (SltStatus)unwound, "%s", p->session->unwind_text);
         if (q.status != SLT_OK) return q.status;
     }
-    SltStatus status = api_late_compile(p, needs, late, err);
+    SltStatus status = by_facts ? SLT_OK : make_missing(p, needs, err);
+    if (status == SLT_OK) status = api_late_compile(p, needs, late, err);
     if (status != SLT_OK) return status;
     fill_scene(p);
     status = api_derived_kernels(p, needs, err);
@@ -414,40 +552,40 @@ static SltStatus make_kernels(SltProgram *p, const bool needs[K_KINDS], const bo
 }
 
 SltStatus api_kernels_unrun(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
-    return make_kernels(p, needs, NULL, NULL, err);
+    return make_kernels(p, needs, NULL, NULL, false, err);
 }
 
 static SltStatus make_to_run(SltProgram *p, const bool needs[K_KINDS], const bool *late, const bool *soon,
-                             SltError *err) {
+                             bool by_facts, SltError *err) {
     if (!runs_here(p)) {
         Target here;
         target_named(&here, "native");
         return status_fail(err, SLT_USAGE, "kernels for the target `%s` do not run on this processor (%s): use native",
                            p->opt.target, here.cpu);
     }
-    return make_kernels(p, needs, late, soon, err);
+    return make_kernels(p, needs, late, soon, by_facts, err);
 }
 
 SltStatus api_kernels_late(SltProgram *p, const bool needs[K_KINDS], const bool *late, SltError *err) {
-    return make_to_run(p, needs, late, NULL, err);
+    return make_to_run(p, needs, late, NULL, true, err);
 }
 
 SltStatus api_kernels_beside(SltProgram *p, const bool needs[K_KINDS], const bool soon[K_KINDS], SltError *err) {
     bool both[K_KINDS], apart[K_KINDS];
     for (int k = 0; k < K_KINDS; k++) both[k] = needs[k] || soon[k], apart[k] = !needs[k] && soon[k];
-    return make_to_run(p, both, NULL, apart, err);
+    return make_to_run(p, both, NULL, apart, true, err);
 }
 
 SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
-    return api_kernels_late(p, needs, NULL, err);
+    return make_to_run(p, needs, NULL, NULL, false, err);
 }
 
 void api_forget_gradients(SltProgram *p) {
     static const int kinds[] = {K_JVP, K_VJP, K_SITE_JVP, K_SITE_VJP};
-    for (int k = 0; k < K_KINDS; k++) p->tried[k] = p->fn[k] != NULL; /* kernels that were left out may be needed now */
+    for (int k = 0; k < K_KINDS; k++) p->tried[k] = p->has[k]; /* kernels that were left out may be needed now */
     for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) {
         p->fn[kinds[i]] = NULL;
-        p->tried[kinds[i]] = false;
+        p->tried[kinds[i]] = p->has[kinds[i]] = false;
         p->scene.kernel[kinds[i]] = NULL;
     }
     p->scene.tape_bytes = 0, p->scene.tape_grows = false;
@@ -460,6 +598,7 @@ void api_free_kernels(SltProgram *p) {
     for (uint32_t m = 0; m < p->nmodules; m++) back_free(p->modules[m]);
     p->nmodules = 0;
     memset(p->fn, 0, sizeof p->fn);
+    memset(p->has, 0, sizeof p->has);
     memset(p->module_of, 0, sizeof p->module_of);
     memset(p->tried, 0, sizeof p->tried);
     memset(p->scene.kernel, 0, sizeof p->scene.kernel);

@@ -15,8 +15,14 @@ typedef struct Some {
 } Some;
 
 static void compile_body(Session *s, void *some) {
-    const Some *q = some;
+    Some *q = some;
     LateKernels *l = &q->p->late;
+    bool missing[K_KINDS] = {false}, any = false;
+    for (uint32_t i = 0; i < q->n; i++) any |= missing[q->kind[i]] = !q->request[i].fn;
+    /* None of these is of a derivative: they are the same whatever is differentiated. */
+    if (any) api_missing(q->p, missing, NULL);
+    for (uint32_t i = 0; i < q->n; i++)
+        if (missing[q->kind[i]]) q->request[i].fn = q->p->fn[q->kind[i]];
     CompiledModule *m = api_compile_module(q->p, s, q->request, q->n, q->few, q->plain, l->level, &l->error);
     for (uint32_t i = 0; i < q->n && m; i++)
         l->kernel[q->kind[i]] = back_kernel(m, kernel_names[q->kind[i]]), l->module[q->kind[i]] = m;

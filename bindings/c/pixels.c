@@ -186,7 +186,7 @@ SltStatus slt_render_rgba8(SltProgram *p, const SltJob *job, uint32_t *pixels, S
         s = status_fail(err, SLT_USAGE, "8-bit pixels need a program compiled with rgba8, and no interpreter");
     if (s == SLT_OK && (p->prog->dim == 3 || p->prog->uses_rand))
         s = status_fail(err, SLT_USAGE, "8-bit pixels are for 1D and 2D domains without rand()");
-    if (s == SLT_OK) s = api_call_kernels(&c, needs);
+    if (s == SLT_OK) s = api_kernels(p, needs, err); /* pixels of a row share what its IR says */
     bool squares = s == SLT_OK && p->scene.dim == 2 && prune_can(&p->scene);
     if (s == SLT_OK) s = (squares ? api_render_squares : render)(p, &c.job, pixels, c.stats, err);
     return api_call_end(&c, s);

@@ -106,6 +106,7 @@ typedef struct Naming {
     SltStats *stats;
     const Blame *blame;
     const SltJob *job;
+    const Fn *fn; /* what is interpreted, to find a place */
 } Naming;
 
 static void name_drops(Session *s, void *user) {
@@ -394,7 +395,7 @@ static void find_place(Session *s, void *user) {
     Looking *l = ARENA_ARRAY(&s->scratch, Looking, 1);
     memset(l, 0, sizeof *l);
     l->p = p, l->job = n->job, l->fuel = SEARCH_FUEL, l->out = &n->stats->nonfinite_at;
-    l->fn = b->derivative ? p->fn[K_VJP] ? p->fn[K_VJP] : p->fn[K_JVP] : p->prog->primal;
+    l->fn = n->fn;
     if (l->fn && grid_init(&l->grid, &p->scene, n->job, NULL) == SLT_OK) {
         uint32_t nf = p->prog->nfloats;
         l->adjoint = ARENA_ARRAY(&s->scratch, double, nf + 1);
@@ -412,8 +413,9 @@ static void find_place(Session *s, void *user) {
 }
 
 void api_find_nonfinite(SltProgram *p, const SltJob *job, const Blame *blame, SltStats *stats) {
-    Naming n = {.p = p, .stats = stats, .blame = blame, .job = job};
     if (stats->nonfinite_at.known || p->nonfinite_sought >= SEARCHES) return;
+    Naming n = {.p = p, .stats = stats, .blame = blame, .job = job, .fn = p->prog->primal};
+    if (blame->derivative) n.fn = api_fn(p, p->has[K_VJP] ? K_VJP : K_JVP);
     session_protect(p->session, find_place, &n); /* without memory there is no place, and that is all */
     if (stats->nonfinite_at.known) return;
     p->nonfinite_sought++;

@@ -12,6 +12,7 @@ struct GradientKernels {
     uint8_t *wrt;  /* [nfloats]: what they differentiate; NULL: there are none here */
     uint64_t used; /* when they were put here: the oldest go first */
     bool tried[K_KINDS];
+    bool has[KINDS];
     Fn *fn[KINDS];
     TapeReport tape[KINDS];
     SltKernel *kernel[KINDS];
@@ -35,7 +36,7 @@ static void keep(SltProgram *p) {
     to->used = ++p->turn;
     for (int i = 0; i < KINDS; i++) {
         const int k = kinds[i];
-        to->fn[i] = p->fn[k], to->tape[i] = p->tape[k], to->kernel[i] = p->scene.kernel[k];
+        to->has[i] = p->has[k], to->fn[i] = p->fn[k], to->tape[i] = p->tape[k], to->kernel[i] = p->scene.kernel[k];
         to->layout[i] = p->scene.layout[k], to->module[i] = p->module_of[k];
         to->few[i] = p->compiled_few[k], to->level[i] = p->compiled_level[k];
     }
@@ -47,7 +48,8 @@ static void take(SltProgram *p, const GradientKernels *from) {
     for (int k = 0; k < K_KINDS; k++) p->tried[k] |= from->tried[k];
     for (int i = 0; i < KINDS; i++) {
         const int k = kinds[i];
-        p->fn[k] = from->fn[i], p->tape[k] = from->tape[i], p->scene.kernel[k] = from->kernel[i];
+        p->has[k] = from->has[i], p->fn[k] = from->fn[i], p->tape[k] = from->tape[i],
+        p->scene.kernel[k] = from->kernel[i];
         p->scene.layout[k] = from->layout[i], p->module_of[k] = from->module[i];
         p->compiled_few[k] = from->few[i], p->compiled_level[k] = from->level[i];
     }
@@ -65,7 +67,7 @@ void api_differentiate(SltProgram *p, const uint8_t *wrt) {
     if (found) found->used = 0;
     /* Arrays that are computed have derivatives of their own, which are not kept. */
     bool any = false;
-    for (int i = 0; i < KINDS; i++) any |= p->fn[kinds[i]] != NULL;
+    for (int i = 0; i < KINDS; i++) any |= p->has[kinds[i]];
     if (any && !p->prog->nderived) keep(p);
     api_forget_gradients(p);
     if (found) take(p, &back);

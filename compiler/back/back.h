@@ -48,6 +48,12 @@ typedef struct KernelRequest {
     Fn *fn;
 } KernelRequest;
 
+/* Of an entry of the cache. */
+typedef struct CacheKey {
+    uint64_t hi, lo; /* XXH3-128 of everything that decides what is in it */
+    size_t len;      /* bytes hashed, compared as well; 0: no entry */
+} CacheKey;
+
 /* Why a kernel has the lanes that it has. */
 typedef enum WidthWhy {
     WIDTH_GIVEN,      /* BackOptions.width says so */
@@ -96,6 +102,18 @@ typedef struct BackJob {
     CompiledModule *out;
 } BackJob;
 int back_compile_all(Session *s, BackJob *jobs, uint32_t n, const char **why);
+/* ---- what else the cache keeps, of which objects follow, so that a process that finds it need not make their IR */
+/* The key of what this build makes of so much text and the meaning of `primal`. False: the build cannot be told. */
+bool back_facts_key(const void *text, size_t size, const Fn *primal, CacheKey *out);
+/* What was kept (malloc'd, the caller's); NULL: nothing, or o says no_cache. */
+unsigned char *back_recall(Session *s, const BackOptions *o, const CacheKey *key, size_t *size);
+void back_keep(Session *s, const BackOptions *o, const CacheKey *key, const void *bytes, size_t size);
+/* Where the cache has the objects of a module; .len 0: nowhere. */
+CacheKey back_key(const CompiledModule *m);
+/* The module of this key, of n kernels of so many lanes; NULL: it is not there any more. */
+CompiledModule *back_find(Session *s, const BackOptions *o, const CacheKey *key, uint32_t n, const char *const *names,
+                          const uint32_t *lanes);
+
 SltKernel *back_kernel(const CompiledModule *m, const char *name);
 uint32_t back_width(const CompiledModule *m, const char *name);         /* of a kernel, in lanes; 0: there is none */
 uint32_t back_instructions(const CompiledModule *m, const char *name);  /* of LLVM IR, after optimisation */

@@ -198,7 +198,7 @@ static void test_size(void **state) {
     int trimmed = -1;
     for (int i = 0; i < FEW; i++) {
         key.hi = (uint64_t)i, key.lo = (key.lo + (uint64_t)i + 1) * UINT64_C(0x9e3779b97f4a7c15);
-        assert_true(cache_write(&s->scratch, scratch, &key, bytes, SMALL));
+        assert_true(cache_write(&s->scratch, scratch, CACHE_OBJECTS, &key, bytes, SMALL));
         snprintf(path, sizeof path, "%s/%032d.o", scratch, 0);
         if (trimmed < 0 && stat(path, &st)) trimmed = i;
     }
@@ -212,7 +212,7 @@ static void test_size(void **state) {
     }
     assert_in_range(left, 40, 48); /* with the rest, 192 MiB */
     size_t size;
-    unsigned char *back = cache_read(&s->scratch, scratch, &key, &size);
+    unsigned char *back = cache_read(&s->scratch, scratch, CACHE_OBJECTS, &key, &size);
     assert_non_null(back);
     assert_int_equal(size, SMALL);
     free(back);

@@ -1,5 +1,5 @@
-/* The disk cache of compiled kernels. An entry is executable code, so the folder must be ours alone and every entry
- * proves that it is whole.
+/* The disk cache of compiled kernels, and of facts that make their IR unnecessary. Objects are executable code, and
+ * facts are believed, so the folder must be ours alone and every entry proves that it is whole.
  *
  *   magic 8 | key hash 16 | key length 8 | payload length 8 | XXH3-128 of the payload 16 | payload
  *
@@ -28,7 +28,7 @@ typedef struct EntryHead {
     uint64_t key_hi, key_lo, key_len, size, sum_hi, sum_lo;
 } EntryHead;
 
-static const char magic[8] = "SLTOBJ1";
+static const char magic[][8] = {[CACHE_OBJECTS] = "SLTOBJ1", [CACHE_FACTS] = "SLTFCT1"};
 
 static bool make_folder(char *path) {
     for (char *p = path + 1; *p; p++)
@@ -74,8 +74,9 @@ bool cache_is_behind(const char *wanted, const char *source) {
     return true;
 }
 
-static char *entry_path(Arena *arena, const char *folder, const CacheKey *key) {
-    return arena_printf(arena, "%s/%016llx%016llx.o", folder, (unsigned long long)key->hi, (unsigned long long)key->lo);
+static char *entry_path(Arena *arena, const char *folder, CacheKind kind, const CacheKey *key) {
+    return arena_printf(arena, "%s/%016llx%016llx.%s", folder, (unsigned long long)key->hi, (unsigned long long)key->lo,
+                        kind == CACHE_FACTS ? "facts" : "o");
 }
 
 static bool read_all(int fd, void *to, size_t n) {
@@ -96,14 +97,14 @@ static bool write_all(int fd, const void *from, size_t n) {
     return true;
 }
 
-unsigned char *cache_read(Arena *arena, const char *folder, const CacheKey *key, size_t *size) {
-    int fd = open(entry_path(arena, folder, key), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
+unsigned char *cache_read(Arena *arena, const char *folder, CacheKind kind, const CacheKey *key, size_t *size) {
+    int fd = open(entry_path(arena, folder, kind, key), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
     if (fd < 0) return NULL;
     EntryHead h;
     struct stat st;
     unsigned char *bytes = NULL;
     bool ok = !fstat(fd, &st) && S_ISREG(st.st_mode) && st.st_uid == geteuid() && read_all(fd, &h, sizeof h) &&
-              !memcmp(h.magic, magic, 8) && h.key_hi == key->hi && h.key_lo == key->lo && h.key_len == key->len &&
+              !memcmp(h.magic, magic[kind], 8) && h.key_hi == key->hi && h.key_lo == key->lo && h.key_len == key->len &&
               h.size <= (uint64_t)CACHE_ENTRY_MIB << 20 && (uint64_t)st.st_size == sizeof h + h.size &&
               (bytes = malloc(h.size + 1)) && read_all(fd, bytes, h.size);
     if (ok) {
@@ -174,7 +175,8 @@ static void trim(const char *folder, bool measure) {
     closedir(d);
 }
 
-bool cache_write(Arena *arena, const char *folder, const CacheKey *key, const unsigned char *bytes, size_t size) {
+bool cache_write(Arena *arena, const char *folder, CacheKind kind, const CacheKey *key, const unsigned char *bytes,
+                 size_t size) {
     if (size > (size_t)CACHE_ENTRY_MIB << 20) return false;
     XXH128_hash_t sum = XXH3_128bits(bytes, size);
     EntryHead h = {.key_hi = key->hi,
@@ -183,14 +185,14 @@ bool cache_write(Arena *arena, const char *folder, const CacheKey *key, const un
                    .size = size,
                    .sum_hi = sum.high64,
                    .sum_lo = sum.low64};
-    memcpy(h.magic, magic, 8);
+    memcpy(h.magic, magic[kind], 8);
     char *temp = arena_printf(arena, "%s/tmp-XXXXXX", folder);
     int fd = mkostemp(temp, O_CLOEXEC);
     if (fd < 0) return false;
     (void)flock(fd, LOCK_EX); /* ours, as long as we live */
     bool ok = write_all(fd, &h, sizeof h) && write_all(fd, bytes, size);
     ok = !close(fd) && ok;
-    ok = ok && !rename(temp, entry_path(arena, folder, key));
+    ok = ok && !rename(temp, entry_path(arena, folder, kind, key));
     if (!ok) unlink(temp);
     else trim(folder, key->lo % ((size_t)CACHE_MEASURE_MIB << 20) < size);
     return ok;

@@ -93,23 +93,21 @@ uint32_t back_count_insts(const Block *b); /* with those of all regions */
 bool back_keeps_itself(const Plan *plan, const Inst *v, const Inst *c);
 
 /* ---- key.c: the name of what an emitter makes of these kernels */
-typedef struct CacheKey {
-    uint64_t hi, lo; /* XXH3-128 of everything that decides the code */
-    size_t len;      /* bytes hashed, compared as well */
-} CacheKey;
 /* `emitter` names the emitter and the version of what it relies on. False: the build of this library cannot be told, so
  * nothing may be kept. */
 bool cache_key(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, const char *emitter,
                CacheKey *out);
 
 /* ---- cache.c: the disk cache */
+typedef enum CacheKind { CACHE_OBJECTS, CACHE_FACTS } CacheKind;
 /* `wanted` (BackOptions.cache_dir) or the default as an arena string; NULL if the folder is not private or usable. */
 const char *cache_folder(Arena *arena, const char *wanted);
 /* Was the file `source` saved after the last entry was written, or is there no folder? The folder's time is now, then.
  */
 bool cache_is_behind(const char *wanted, const char *source);
 /* The cached payload (malloc'd, the caller's), or NULL. */
-unsigned char *cache_read(Arena *arena, const char *folder, const CacheKey *key, size_t *size);
-bool cache_write(Arena *arena, const char *folder, const CacheKey *key, const unsigned char *bytes, size_t size);
+unsigned char *cache_read(Arena *arena, const char *folder, CacheKind kind, const CacheKey *key, size_t *size);
+bool cache_write(Arena *arena, const char *folder, CacheKind kind, const CacheKey *key, const unsigned char *bytes,
+                 size_t size);
 
 #endif

@@ -122,16 +122,38 @@ static void hash_block(XXH3_state_t *state, const Block *b, size_t *len) {
     }
 }
 
+/* NULL: the build cannot be told, or memory is out. */
+static XXH3_state_t *begin_key(void) {
+    XXH3_state_t *state = XXH3_createState();
+    if (state) XXH3_128bits_reset(state);
+    if (state && hash_build(state)) return state;
+    XXH3_freeState(state);
+    return NULL;
+}
+
+static void end_key(XXH3_state_t *state, CacheKey *key) {
+    const XXH128_hash_t h = XXH3_128bits_digest(state);
+    key->hi = h.high64, key->lo = h.low64;
+    XXH3_freeState(state);
+}
+
+bool back_facts_key(const void *text, size_t size, const Fn *primal, CacheKey *out) {
+    XXH3_state_t *state = begin_key();
+    if (!state) return false;
+    CacheKey key = {.len = size};
+    XXH3_128bits_update(state, text, size);
+    hash_block(state, primal->body, &key.len);
+    end_key(state, &key);
+    *out = key;
+    return true;
+}
+
 bool cache_key(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, const char *emitter,
                CacheKey *out) {
     Arena *a = &s->scratch;
-    XXH3_state_t *state = XXH3_createState();
+    XXH3_state_t *state = begin_key();
     CacheKey key = {0};
-    if (state) XXH3_128bits_reset(state);
-    if (!state || !hash_build(state)) {
-        XXH3_freeState(state);
-        return false;
-    }
+    if (!state) return false;
     char *head = arena_printf(a, "saltus %s cpu %s features %s vector %u fma %d adj %d opt %u pixels %d kernels %u\n",
                               emitter, o->target.cpu, o->target.features, o->target.vector_bytes, o->target.has_fma,
                               (int)o->adj, o->opt_level, (int)o->pixels, n);
@@ -150,10 +172,7 @@ bool cache_key(Session *s, const KernelRequest *k, uint32_t n, const BackOptions
             hash_block(state, fn->body, &key.len);
         }
     }
-    XXH128_hash_t h = XXH3_128bits_digest(state);
-    key.hi = h.high64;
-    key.lo = h.low64;
-    XXH3_freeState(state);
+    end_key(state, &key);
     *out = key;
     return true;
 }

@@ -15,9 +15,10 @@ struct CompiledModule {
     SltKernel **kernels;
     double emit_ms, llvm_ms;
     bool cached;
+    CacheKey key; /* of its entry; .len 0: it has none */
 };
 
-static CompiledModule *new_module(const KernelRequest *k, uint32_t n, const BackOptions *o) {
+static CompiledModule *new_module(uint32_t n) {
     CompiledModule *m = calloc(1, sizeof *m);
     if (!m) return NULL;
     m->n = n;
@@ -29,7 +30,12 @@ static CompiledModule *new_module(const KernelRequest *k, uint32_t n, const Back
         back_free(m);
         return NULL;
     }
-    for (uint32_t j = 0; j < n; j++) strcpy(m->names[j], k[j].name), m->widths[j] = back_choose_width(k, j, o);
+    return m;
+}
+
+static CompiledModule *module_of(const KernelRequest *k, uint32_t n, const BackOptions *o) {
+    CompiledModule *m = new_module(n);
+    for (uint32_t j = 0; j < n && m; j++) strcpy(m->names[j], k[j].name), m->widths[j] = back_choose_width(k, j, o);
     return m;
 }
 
@@ -125,8 +131,9 @@ static void look_up(Session *s, Making *k) {
     k->folder = j->o.no_cache ? NULL : cache_folder(&s->scratch, j->o.cache_dir);
     if (k->folder && !cache_key(s, j->k, j->n, &j->o, "llvm " LLVM_VERSION_STRING, &k->key)) k->folder = NULL;
     if (!k->folder) return;
-    unsigned char *payload = cache_read(&s->scratch, k->folder, &k->key, &size);
+    unsigned char *payload = cache_read(&s->scratch, k->folder, CACHE_OBJECTS, &k->key, &size);
     k->m->cached = payload && adopt(k->m, payload, size, &bad);
+    if (k->m->cached) k->m->key = k->key;
     free(payload);
 }
 
@@ -143,8 +150,8 @@ static int load(Session *s, Making *k, Codegen *g, const char **why) {
         *why = arena_printf(&s->session, "cannot load the compiled kernels: %s", no_memory ? "out of memory" : bad);
         return no_memory || refused ? SLT_LIMIT : SLT_INTERNAL;
     }
-    if (k->folder) /* a cache that cannot be written costs time only */
-        (void)cache_write(&s->scratch, k->folder, &k->key, payload, size);
+    /* A cache that cannot be written costs time only. */
+    if (k->folder && cache_write(&s->scratch, k->folder, CACHE_OBJECTS, &k->key, payload, size)) k->m->key = k->key;
     free(payload);
     return SLT_OK;
 }
@@ -176,7 +183,7 @@ int back_compile_all(Session *s, BackJob *jobs, uint32_t n, const char **why) {
     for (uint32_t i = 0; i < n && !status; i++) {
         status = check_request(s, jobs[i].k, jobs[i].n, jobs[i].o.width, why);
         if (status) break;
-        makings[i] = (Making){.job = &jobs[i], .m = new_module(jobs[i].k, jobs[i].n, &jobs[i].o)};
+        makings[i] = (Making){.job = &jobs[i], .m = module_of(jobs[i].k, jobs[i].n, &jobs[i].o)};
         if (!makings[i].m) status = SLT_LIMIT, *why = "out of memory";
     }
     ArenaMark mark = arena_mark(&s->scratch);
@@ -194,6 +201,41 @@ int back_compile(Session *s, const KernelRequest *k, uint32_t n, const BackOptio
     int status = back_compile_all(s, &job, 1, why);
     *out = job.out;
     return status;
+}
+
+static unsigned char *find_entry(Session *s, const BackOptions *o, CacheKind kind, const CacheKey *key, size_t *size) {
+    ArenaMark mark = arena_mark(&s->scratch);
+    const char *folder = o->no_cache ? NULL : cache_folder(&s->scratch, o->cache_dir);
+    unsigned char *bytes = folder ? cache_read(&s->scratch, folder, kind, key, size) : NULL;
+    arena_reset(&s->scratch, mark);
+    return bytes;
+}
+
+unsigned char *back_recall(Session *s, const BackOptions *o, const CacheKey *key, size_t *size) {
+    return find_entry(s, o, CACHE_FACTS, key, size);
+}
+
+void back_keep(Session *s, const BackOptions *o, const CacheKey *key, const void *bytes, size_t size) {
+    ArenaMark mark = arena_mark(&s->scratch);
+    const char *folder = o->no_cache ? NULL : cache_folder(&s->scratch, o->cache_dir);
+    if (folder) (void)cache_write(&s->scratch, folder, CACHE_FACTS, key, bytes, size);
+    arena_reset(&s->scratch, mark);
+}
+
+CacheKey back_key(const CompiledModule *m) { return m->key; }
+
+CompiledModule *back_find(Session *s, const BackOptions *o, const CacheKey *key, uint32_t n, const char *const *names,
+                          const uint32_t *lanes) {
+    size_t size = 0;
+    const char *bad = NULL;
+    unsigned char *payload = find_entry(s, o, CACHE_OBJECTS, key, &size);
+    CompiledModule *m = payload ? new_module(n) : NULL;
+    for (uint32_t j = 0; j < n && m; j++)
+        snprintf(m->names[j], sizeof *m->names, "%s", names[j]), m->widths[j] = lanes[j];
+    if (m && adopt(m, payload, size, &bad)) m->cached = true, m->key = *key;
+    else back_free(m), m = NULL;
+    free(payload);
+    return m;
 }
 
 static int find(const CompiledModule *m, const char *name) {
