@@ -299,6 +299,20 @@ static void test_loader_on_damaged_objects(void **state) {
     session_destroy(s);
 }
 
+/* A library that was copied by half is passed over: mapped, it would end the process. */
+static void test_half_a_library(void **state) {
+    (void)state;
+    char out[256];
+    assert_int_equal(scratch_run(out, sizeof out,
+                                 "cp \"$(command -v sh)\" whole; size=$(wc -c < whole); : > empty; "
+                                 "head -c $((size / 2)) whole > half; head -c 40 whole > head; "
+                                 "echo 'INPUT(libLLVM.so.1)' > text; mkdir folder"),
+                     0);
+    assert_true(llvm_is_whole(scratch_path("whole")));
+    static const char *const others[] = {"half", "head", "empty", "text", "folder", "none"};
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++) assert_false(llvm_is_whole(scratch_path(others[i])));
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_hit, scratch_make, teardown),
@@ -310,6 +324,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(test_wrong_key, scratch_make, teardown),
         cmocka_unit_test_setup_teardown(test_unusable_folder, scratch_make, teardown),
         cmocka_unit_test_setup_teardown(test_loader_on_damaged_objects, scratch_make, teardown),
+        cmocka_unit_test_setup_teardown(test_half_a_library, scratch_make, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

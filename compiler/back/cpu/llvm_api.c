@@ -3,11 +3,14 @@
 #include "compiler/back/core/core.h"
 
 #include <dlfcn.h>
+#include <elf.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <pthread.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #define STRING_(x) #x
@@ -30,9 +33,28 @@ static const char *const files[] = {
     "libLLVM-" MAJOR ".so",
     "libLLVM-" MAJOR ".so.1"};
 
+bool llvm_is_whole(const char *path) {
+    const int fd = open(path, O_RDONLY | O_CLOEXEC);
+    struct stat st;
+    Elf64_Ehdr e;
+    bool ok = fd >= 0 && !fstat(fd, &st) && S_ISREG(st.st_mode) && pread(fd, &e, sizeof e, 0) == (ssize_t)sizeof e &&
+              !memcmp(e.e_ident, ELFMAG, SELFMAG) && e.e_phentsize == sizeof(Elf64_Phdr);
+    for (unsigned i = 0; ok && i < e.e_phnum; i++) {
+        Elf64_Phdr p;
+        ok = pread(fd, &p, sizeof p, (off_t)(e.e_phoff + i * sizeof p)) == (ssize_t)sizeof p &&
+             (p.p_type != PT_LOAD ||
+              (p.p_offset <= (uint64_t)st.st_size && p.p_filesz <= (uint64_t)st.st_size - p.p_offset));
+    }
+    if (fd >= 0) close(fd);
+    return ok;
+}
+
+/* Where a library may lie: one that was copied by half would end the process, once a page is read that is not there. */
+static bool may_be(const char *file) { return file[0] != '/' || llvm_is_whole(file); }
+
 const char *back_llvm_file(void) {
     const char *const *f = files;
-    while (f[0][0] == '/' && access(f[0], R_OK) != 0) f++; /* the last ones are names */
+    while (!may_be(*f)) f++; /* the last ones are names */
     return *f;
 }
 
@@ -43,7 +65,7 @@ const char *llvm_open(LlvmApi *api, bool *no_memory) {
     if (*no_memory) return "it ran out of memory in this process before";
     guard_open(true);
     for (unsigned i = 0; !h && i < sizeof files / sizeof *files; i++) {
-        if (files[i][0] == '/' && access(files[i], R_OK) != 0) continue;
+        if (!may_be(files[i])) continue;
         errno = 0;
         h = dlopen(files[i], RTLD_NOW | RTLD_LOCAL);
         *no_memory = !h && errno == ENOMEM;

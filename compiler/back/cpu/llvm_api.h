@@ -23,6 +23,7 @@ typedef struct LlvmApi {
 #undef FN
 } LlvmApi;
 
+bool llvm_is_whole(const char *path); /* an ELF file, with all that would be mapped of it */
 /* Fills the table; returns NULL, or why LLVM cannot be used (static text or dlerror's). Thread-safe. The library stays
  * loaded. *no_memory: that is why. */
 const char *llvm_open(LlvmApi *api, bool *no_memory);
