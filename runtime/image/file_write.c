@@ -122,13 +122,6 @@ static int open_new(const char *target, const char *name) {
 
 static int link_old(const char *target, const char *name) { return link(target, name); }
 
-static void sync_folder_of(const char *target) {
-    int fd = open_folder(target);
-    if (fd < 0) return;
-    sync_file(fd); /* the file is already whole; a folder that cannot be synced is no reason to fail */
-    close(fd);
-}
-
 static void free_staged(Staged *s) {
     if (!s) return;
     if (s->fd >= 0) close(s->fd);
@@ -189,7 +182,6 @@ static void settle(Staged *s, bool failed) {
     if (failed && s->placed && s->kept) rename(s->kept, s->target);
     else if (failed && s->placed && !s->replaces) unlink(s->target);
     else if (s->kept) unlink(s->kept);
-    if (!failed) sync_folder_of(s->target); /* not between two places: nothing may go wrong there */
     free_staged(s);
 }
 

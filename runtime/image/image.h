@@ -236,10 +236,10 @@ SltStatus file_read_all(const char *path, const FileKind *kind, uint8_t **bytes,
 
 /* file_write.c -------------------------------------------------------------------------------- */
 
-/* Writes a file whole or not at all: a temporary file in the same folder, fsync, rename, fsync of
- * the folder. On any failure the temporary file is removed and what was at `path` stays; what a killed
- * process left is removed by the next one that writes there. A symbolic link is followed; what is not
- * a regular file (a device, a pipe) is written directly. */
+/* Writes a file whole or not at all: a temporary file in the same folder, fsync, rename. The folder is not waited for:
+ * should the power fail just then, what was at `path` is there, whole. On any failure the temporary file is removed and
+ * what was at `path` stays; what a killed process left is removed by the next one that writes there. A symbolic link is
+ * followed; what is not a regular file (a device, a pipe) is written directly. */
 SltStatus file_write_atomic(const char *path, const void *data, size_t size, SltError *err);
 
 /* What this thread writes between begin and end appears together: each file is whole on the disk before the first takes
