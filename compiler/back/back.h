@@ -93,7 +93,7 @@ uint32_t back_adjoint_lanes(const BackOptions *o, Precision p);
 int back_compile(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, CompiledModule **out,
                  const char **why);
 /* The same of several modules, which the cache keeps apart: what it lacks is compiled together, so that no thread waits
- * between them. All have their `out`, or none has. The number of threads is the first one's. */
+ * between them. All have their `out`, or none has. The target and the number of threads are the first one's. */
 enum { BACK_MAX_JOBS = 2 };
 typedef struct BackJob {
     const KernelRequest *k;

@@ -15,38 +15,56 @@ static void fail(CodeUnit *u, int status, const char *why) {
     u->why = arena_printf(&u->session->session, "%s", why);
 }
 
-static bool open_target(CodeUnit *u) {
-    static const char triple[] = "x86_64-unknown-linux-gnu";
-    const LlvmApi *ll = u->ll;
+static const char triple[] = "x86_64-unknown-linux-gnu";
+
+void machines_init(const LlvmApi *ll) {
     ll->InitializeX86TargetInfo();
     ll->InitializeX86Target();
     ll->InitializeX86TargetMC();
     ll->InitializeX86AsmPrinter();
+}
+
+/* NULL: the unit has failed. */
+static LLVMTargetMachineRef machine_for(Machines *m, CodeUnit *u) {
+    static const LLVMCodeGenOptLevel levels[] = {LLVMCodeGenLevelNone, LLVMCodeGenLevelLess, LLVMCodeGenLevelDefault,
+                                                 LLVMCodeGenLevelDefault};
+    const unsigned level = u->opt_level > 3 ? 3 : u->opt_level;
+    const LlvmApi *ll = u->ll;
     LLVMTargetRef target = NULL;
     char *text = NULL;
+    if (m->of[level]) return m->of[level];
     if (ll->GetTargetFromTriple(triple, &target, &text)) {
         fail(u, SLT_INTERNAL, text ? text : "LLVM has no x86-64 target");
         ll->DisposeMessage(text);
-        return false;
+        return NULL;
     }
-    static const LLVMCodeGenOptLevel levels[] = {LLVMCodeGenLevelNone, LLVMCodeGenLevelLess, LLVMCodeGenLevelDefault,
-                                                 LLVMCodeGenLevelDefault};
-    u->tm = ll->CreateTargetMachine(target, triple, u->o->target.cpu, u->o->target.features,
-                                    levels[u->opt_level > 3 ? 3 : u->opt_level], LLVMRelocPIC, LLVMCodeModelSmall);
-    u->layout = ll->CreateTargetDataLayout(u->tm);
-    ll->SetTarget(u->mod, triple);
-    ll->SetModuleDataLayout(u->mod, u->layout);
+    return m->of[level] = ll->CreateTargetMachine(target, triple, u->target->cpu, u->target->features, levels[level],
+                                                  LLVMRelocPIC, LLVMCodeModelSmall);
+}
+
+void machines_dispose(const LlvmApi *ll, Machines *m) {
+    for (unsigned level = 0; level < MACHINE_LEVELS && !guard_broken(); level++)
+        if (m->of[level]) ll->DisposeTargetMachine(m->of[level]);
+}
+
+/* What types are laid out like. */
+static bool open_target(CodeUnit *u, Machines *m) {
+    const LLVMTargetMachineRef machine = machine_for(m, u);
+    if (!machine) return false;
+    u->layout = u->ll->CreateTargetDataLayout(machine);
+    u->ll->SetTarget(u->mod, triple);
+    u->ll->SetModuleDataLayout(u->mod, u->layout);
     return true;
 }
 
-static bool run_passes(CodeUnit *u) {
+static bool run_passes(CodeUnit *u, LLVMTargetMachineRef machine) {
     static const char *const lists[] = {
         "function(mem2reg)", "function(mem2reg,early-cse)", "function(mem2reg,early-cse)",
         ("function(mem2reg,early-cse,instcombine<no-verify-fixpoint>,gvn,loop-mssa(licm)"
          ",instcombine<no-verify-fixpoint>)")};
     const LlvmApi *ll = u->ll;
     LLVMPassBuilderOptionsRef options = ll->CreatePassBuilderOptions();
-    LLVMErrorRef err = ll->RunPasses(u->mod, lists[u->opt_level > 3 ? 3 : u->opt_level], u->tm, options);
+    LLVMErrorRef err = ll->RunPasses(u->mod, lists[u->opt_level > 3 ? 3 : u->opt_level], machine, options);
     ll->DisposePassBuilderOptions(options);
     if (err) {
         char *text = ll->GetErrorMessage(err);
@@ -58,9 +76,9 @@ static bool run_passes(CodeUnit *u) {
 }
 
 static bool widen_masks(CodeUnit *u) {
-    if (u->o->target.vector_bytes >= 64) return true;
+    if (u->target->vector_bytes >= 64) return true;
     for (uint32_t i = 0; i < u->nfunctions; i++)
-        if (!masks_widen(u->ll, u->ctx, u->functions[i].f, u->o->target.vector_bytes)) {
+        if (!masks_widen(u->ll, u->ctx, u->functions[i].f, u->target->vector_bytes)) {
             fail(u, SLT_LIMIT, "out of memory");
             return false;
         }
@@ -84,7 +102,7 @@ static void keep_bytes(CodeUnit *u, const void *bytes, size_t size) {
     u->size = size;
 }
 
-static void write_module(CodeUnit *u) {
+static void write_module(CodeUnit *u, LLVMTargetMachineRef machine) {
     const LlvmApi *ll = u->ll;
     char *text = NULL;
     if (u->kind == 'l') {
@@ -95,8 +113,8 @@ static void write_module(CodeUnit *u) {
     }
     LLVMMemoryBufferRef buffer = NULL;
     const bool text_wanted = u->kind == 's' || u->kind == 'a';
-    if (u->kind == 'a') ll->SetTargetMachineAsmVerbosity(u->tm, true);
-    if (ll->TargetMachineEmitToMemoryBuffer(u->tm, u->mod, text_wanted ? LLVMAssemblyFile : LLVMObjectFile, &text,
+    if (u->kind == 'a') ll->SetTargetMachineAsmVerbosity(machine, true);
+    if (ll->TargetMachineEmitToMemoryBuffer(machine, u->mod, text_wanted ? LLVMAssemblyFile : LLVMObjectFile, &text,
                                             &buffer)) {
         fail(u, SLT_INTERNAL, text ? text : "LLVM could not emit the module");
         ll->DisposeMessage(text);
@@ -176,12 +194,12 @@ static void verify(CodeUnit *u) {
 #endif
 }
 
-void unit_emit(Session *s, CodeUnit *u) {
+void unit_emit(Session *s, CodeUnit *u, Machines *m) {
     const LlvmApi *ll = u->ll;
     u->session = s;
     u->ctx = ll->ContextCreate();
     u->mod = ll->ModuleCreateWithNameInContext("saltus", u->ctx);
-    if (!open_target(u)) return;
+    if (!open_target(u, m)) return;
     for (uint32_t k = 0; k < u->n; k++) {
         ArenaMark mark = arena_mark(&s->scratch);
         const char *why =
@@ -193,23 +211,23 @@ void unit_emit(Session *s, CodeUnit *u) {
     verify(u);
 }
 
-void unit_write(Session *s, CodeUnit *u) {
+void unit_write(Session *s, CodeUnit *u, Machines *m) {
     u->session = s;
-    if (!run_passes(u) || !widen_masks(u)) return;
+    const LLVMTargetMachineRef machine = machine_for(m, u);
+    if (!machine || !run_passes(u, machine) || !widen_masks(u)) return;
     verify(u);
     if (u->status) return;
     for (uint32_t i = 0; i < u->nfunctions; i++)
         u->instructions[u->functions[i].kernel] += count_instructions(u->ll, u->functions[i].f);
-    write_module(u);
+    write_module(u, machine);
 }
 
 void unit_dispose(CodeUnit *u) {
     if (guard_broken()) return; /* it may be locked for ever */
-    if (u->tm) u->ll->DisposeTargetMachine(u->tm);
     if (u->layout) u->ll->DisposeTargetData(u->layout);
     if (u->mod) u->ll->DisposeModule(u->mod);
     if (u->ctx) u->ll->ContextDispose(u->ctx);
-    u->tm = NULL, u->layout = NULL, u->mod = NULL, u->ctx = NULL;
+    u->layout = NULL, u->mod = NULL, u->ctx = NULL;
 }
 
 void unit_free(CodeUnit *u) {

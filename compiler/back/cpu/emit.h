@@ -174,17 +174,25 @@ void emit_setup_told(Emit *e, const Inst *i); /* where the kernel begins, for th
 bool masks_widen(const LlvmApi *ll, LLVMContextRef ctx, LLVMValueRef f, uint32_t vector_bytes);
 
 /* ---- codegen.c: kernels that are one LLVM module, from IR to text, object or assembly. Kinds as for back_emit. */
+/* What LLVM knows of the processor: of one thread and by level, made when it is wanted, for all units of the thread. */
+enum { MACHINE_LEVELS = 4 };
+typedef struct Machines {
+    LLVMTargetMachineRef of[MACHINE_LEVELS];
+} Machines;
+void machines_init(const LlvmApi *ll); /* before the first, on one thread */
+void machines_dispose(const LlvmApi *ll, Machines *m);
+
 typedef struct CodeUnit {
     const LlvmApi *ll;
     KernelRequest *k; /* [n], as are `width`, in lanes, and `instructions`; not read after unit_emit, like o */
     uint32_t n, *width;
     const BackOptions *o;
+    const Target *target; /* of o; outlives the caller */
     unsigned opt_level;
     char kind;
     Session *session; /* whose protection is in force, and which has the text of an error */
     LLVMContextRef ctx;
     LLVMModuleRef mod;
-    LLVMTargetMachineRef tm;
     LLVMTargetDataRef layout;
     struct UnitFunction {
         LLVMValueRef f;
@@ -198,10 +206,12 @@ typedef struct CodeUnit {
     const char *why;
 } CodeUnit;
 bool unit_init(CodeUnit *u, uint32_t n, uint32_t nfunctions);
-void unit_emit(Session *s, CodeUnit *u);  /* kernels to LLVM's IR; under guard_begin, as the next two */
-void unit_write(Session *s, CodeUnit *u); /* passes and bytes: reads nothing that the caller of back_compile owns */
-void unit_dispose(CodeUnit *u);           /* what LLVM holds */
-void unit_free(CodeUnit *u);              /* the rest */
+/* Kernels to LLVM's IR; under guard_begin, as the next two. */
+void unit_emit(Session *s, CodeUnit *u, Machines *m);
+/* Passes and bytes: reads nothing that the caller of back_compile owns. */
+void unit_write(Session *s, CodeUnit *u, Machines *m);
+void unit_dispose(CodeUnit *u); /* what LLVM holds */
+void unit_free(CodeUnit *u);    /* the rest */
 
 /* ---- units.c: kernels shared out to modules, which several threads compile */
 typedef struct CodeObject {

@@ -2,8 +2,9 @@
  *
  * LLVM compiles what lies in different contexts at the same time. A kernel is the same code in whatever module it lies,
  * and which module that is follows from the kernels alone: so the bytes are the same for any number of threads. IR is
- * emitted on the caller's thread, since that allocates in its session; passes and machine code, which take twenty times
- * as long, need no session but for what guard.c jumps out to, and each thread has one of its own.
+ * emitted on the caller's thread, since that allocates in its session, the longest first; passes and machine code,
+ * which take twenty times as long, begin when the first unit is there and need no session but for what guard.c jumps
+ * out to: each thread has one of its own.
  *
  * LLVM may give up on one thread and leave something locked that another then waits for, for ever. So the caller's
  * thread only waits for the others, and leaves those behind that do not end once LLVM is broken: with all they use,
@@ -30,12 +31,15 @@ enum { LEFT_BEHIND_S = 2 }; /* what the others have to end in when LLVM is broke
 
 typedef struct Team {
     LlvmApi api;
+    Target target; /* of all */
     CodeUnit unit[MAX_UNITS];
     uint64_t load[MAX_UNITS]; /* what a unit that waits will take; 0: it is written, or being so */
     Session *own[MAX_UNITS];  /* of the thread that wrote a unit: has its error; NULL: the caller's */
     uint32_t n, running;
+    Machines machines;               /* the caller's */
+    bool ready[MAX_UNITS], complete; /* emitted; no more will be */
     pthread_mutex_t lock;
-    pthread_cond_t ended;
+    pthread_cond_t more, ended;
 } Team;
 
 static double now_ms(void) {
@@ -108,52 +112,74 @@ static void share_out(Shares *s, const CodegenJob *job, bool whole, Arena *arena
 }
 
 /* ---- one unit */
-static void emit_guarded(Session *s, void *arg) {
-    Team *t = arg;
-    guard_begin(&t->api, s);
-    for (uint32_t u = 0; u < t->n; u++) {
-        unit_emit(s, &t->unit[u]);
-        if (t->unit[u].status) return;
-    }
-}
+typedef struct Writing {
+    CodeUnit *unit;
+    Machines *machines;
+} Writing;
 
 static void write_guarded(Session *s, void *arg) {
-    CodeUnit *u = arg;
-    guard_begin(u->ll, s);
-    unit_write(s, u);
-    unit_dispose(u);
+    const Writing *w = arg;
+    guard_begin(w->unit->ll, s);
+    unit_write(s, w->unit, w->machines);
+    unit_dispose(w->unit);
 }
 
-static void write_unit(Session *s, CodeUnit *u) {
+static void write_unit(Session *s, CodeUnit *u, Machines *machines) {
     if (!s || guard_broken()) {
         u->status = SLT_LIMIT, u->why = "out of memory while LLVM compiled";
         return;
     }
-    int status = session_protect(s, write_guarded, u);
+    Writing w = {u, machines};
+    int status = session_protect(s, write_guarded, &w);
     guard_end();
     if (status && !u->status) u->status = status, u->why = s->unwind_text;
 }
 
 /* ---- all of them */
-/* The one that takes longest: small ones fill up what the threads differ by at the end. */
+/* Of those that wait, and are emitted or are not, the one that takes longest: small ones fill up what the threads
+ * differ by at the end. */
+static CodeUnit *longest(Team *t, bool ready) {
+    uint32_t most = t->n;
+    for (uint32_t u = 0; u < t->n; u++)
+        if (t->load[u] && t->ready[u] == ready && (most == t->n || t->load[u] > t->load[most])) most = u;
+    return most < t->n ? &t->unit[most] : NULL;
+}
+
+static void emit_guarded(Session *s, void *arg) {
+    Team *t = arg;
+    guard_begin(&t->api, s);
+    for (CodeUnit *u; (u = longest(t, false));) { /* only this thread changes what it asks for */
+        if (guard_broken()) u->status = SLT_LIMIT, u->why = "out of memory while LLVM compiled";
+        else unit_emit(s, u, &t->machines);
+        if (u->status) return;
+        pthread_mutex_lock(&t->lock);
+        t->ready[u - t->unit] = true;
+        pthread_cond_signal(&t->more);
+        pthread_mutex_unlock(&t->lock);
+    }
+}
+
+/* Under the lock. NULL: there will be no more. */
 static CodeUnit *next_unit(Team *t) {
-    uint32_t most = 0;
-    for (uint32_t u = 1; u < t->n; u++)
-        if (t->load[u] > t->load[most]) most = u;
-    if (!t->load[most]) return NULL;
-    t->load[most] = 0;
-    return &t->unit[most];
+    CodeUnit *u;
+    while (!(u = longest(t, true)) && !t->complete) pthread_cond_wait(&t->more, &t->lock);
+    if (u) t->load[u - t->unit] = 0;
+    return u;
 }
 
 static void *run(void *arg) {
     Team *t = arg;
+    Machines machines = {0};
     pthread_mutex_lock(&t->lock);
     for (CodeUnit *u; (u = next_unit(t));) {
         pthread_mutex_unlock(&t->lock);
         Session *own = t->own[u - t->unit] = session_create(0);
-        write_unit(own, u);
+        write_unit(own, u, &machines);
         pthread_mutex_lock(&t->lock);
     }
+    pthread_mutex_unlock(&t->lock);
+    machines_dispose(&t->api, &machines);
+    pthread_mutex_lock(&t->lock);
     t->running--;
     pthread_cond_signal(&t->ended);
     pthread_mutex_unlock(&t->lock);
@@ -185,25 +211,39 @@ static bool wait_for_all(Team *t) {
     return all;
 }
 
-static bool write_all(Session *s, Team *t, uint32_t threads) {
-    pthread_t thread[MAX_THREADS];
+static uint32_t start_threads(Team *t, uint32_t threads, pthread_t thread[MAX_THREADS]) {
     pthread_attr_t attr;
     uint32_t started = 0;
-    if (threads > 1 && !pthread_attr_init(&attr)) {
-        pthread_attr_setstacksize(&attr, STACK_BYTES);
-        pthread_mutex_lock(&t->lock);
-        while (started < threads && !pthread_create(&thread[started], &attr, run, t)) started++;
-        t->running = started;
-        pthread_mutex_unlock(&t->lock);
-        pthread_attr_destroy(&attr);
-    }
-    if (!started)
-        for (CodeUnit *u; (u = next_unit(t));) write_unit(s, u);
-    bool all = wait_for_all(t);
+    if (threads < 2 || pthread_attr_init(&attr)) return 0;
+    pthread_attr_setstacksize(&attr, STACK_BYTES);
+    pthread_mutex_lock(&t->lock);
+    while (started < threads && !pthread_create(&thread[started], &attr, run, t)) started++;
+    t->running = started;
+    pthread_mutex_unlock(&t->lock);
+    pthread_attr_destroy(&attr);
+    return started;
+}
+
+/* An SltStatus of emission, which goes on beside the threads; *all: false, where some of these are left behind. */
+static int emit_and_write(Session *s, Team *t, uint32_t threads, double *emit_ms, bool *all) {
+    pthread_t thread[MAX_THREADS];
+    const double start = now_ms();
+    machines_init(&t->api);
+    const uint32_t started = start_threads(t, threads, thread);
+    const int status = session_protect(s, emit_guarded, t);
+    guard_end();
+    *emit_ms = now_ms() - start;
+    pthread_mutex_lock(&t->lock);
+    const bool emitted = !status && !longest(t, false);
+    t->complete = true;
+    pthread_cond_broadcast(&t->more);
+    for (CodeUnit *u; emitted && !started && (u = next_unit(t));) write_unit(s, u, &t->machines);
+    pthread_mutex_unlock(&t->lock);
+    *all = wait_for_all(t);
     for (uint32_t i = 0; i < started; i++)
-        if (all) pthread_join(thread[i], NULL);
+        if (*all) pthread_join(thread[i], NULL);
         else pthread_detach(thread[i]);
-    return all;
+    return status;
 }
 
 static void free_team(Team *t) {
@@ -212,6 +252,8 @@ static void free_team(Team *t) {
         unit_free(&t->unit[u]);
         session_destroy(t->own[u]);
     }
+    if (t->api.handle) machines_dispose(&t->api, &t->machines);
+    pthread_cond_destroy(&t->more);
     pthread_cond_destroy(&t->ended);
     pthread_mutex_destroy(&t->lock);
     free(t);
@@ -225,7 +267,8 @@ static bool make_units(Team *t, const CodegenJob *job, const Shares *s, char kin
         for (uint32_t j = 0; j < s->n; j++)
             if (s->of[j] == u) count++, functions += count_functions(&job->k[j]);
         t->load[s->first + u] = s->load[u] ? s->load[u] : 1; /* nobody counts where it is the whole */
-        *unit = (CodeUnit){.ll = &t->api, .o = job->o, .opt_level = job->o->opt_level, .kind = kind};
+        *unit =
+            (CodeUnit){.ll = &t->api, .o = job->o, .target = &t->target, .opt_level = job->o->opt_level, .kind = kind};
         if (!unit_init(unit, count, functions)) {
             ok = false;
             continue;
@@ -275,7 +318,9 @@ int back_codegen(Session *s, CodegenJob *jobs, uint32_t njobs, char kind, bool w
         return SLT_LIMIT;
     }
     t->n = units;
+    t->target = jobs[0].o->target;
     pthread_mutex_init(&t->lock, NULL);
+    pthread_cond_init(&t->more, NULL);
     pthread_cond_init(&t->ended, NULL);
     bool no_memory;
     const char *missing = llvm_open(&t->api, &no_memory);
@@ -283,18 +328,15 @@ int back_codegen(Session *s, CodegenJob *jobs, uint32_t njobs, char kind, bool w
     if (missing) *why = arena_printf(&s->session, "cannot load LLVM: %s", missing);
     for (uint32_t j = 0; j < njobs && !missing; j++)
         if (!make_units(t, &jobs[j], &shares[j], kind, whole)) status = SLT_LIMIT, *why = "out of memory";
-    double start = now_ms();
+    const double start = now_ms();
+    double emit_ms = 0;
+    bool all = true;
     if (!status) {
-        status = session_protect(s, emit_guarded, t);
-        guard_end();
+        status = emit_and_write(s, t, count_threads(jobs[0].o->threads, t->n), &emit_ms, &all);
         if (status) *why = arena_printf(&s->session, "%s", s->unwind_text);
     }
-    double emitted_at = now_ms();
-    bool all = true, emitted = !status;
-    for (uint32_t u = 0; u < t->n; u++) emitted &= !t->unit[u].status;
-    if (emitted) all = write_all(s, t, count_threads(jobs[0].o->threads, t->n));
     for (uint32_t j = 0; j < njobs; j++)
-        jobs[j].out.emit_ms = emitted_at - start, jobs[j].out.llvm_ms = now_ms() - emitted_at;
+        jobs[j].out.emit_ms = emit_ms, jobs[j].out.llvm_ms = now_ms() - start - emit_ms;
     if (!all) {
         *why = "out of memory while LLVM compiled";
         return SLT_LIMIT;
