@@ -145,10 +145,17 @@ static CodeUnit *longest(Team *t, bool ready) {
     return most < t->n ? &t->unit[most] : NULL;
 }
 
+static CodeUnit *next_to_emit(Team *t) {
+    pthread_mutex_lock(&t->lock);
+    CodeUnit *u = longest(t, false);
+    pthread_mutex_unlock(&t->lock);
+    return u;
+}
+
 static void emit_guarded(Session *s, void *arg) {
     Team *t = arg;
     guard_begin(&t->api, s);
-    for (CodeUnit *u; (u = longest(t, false));) { /* only this thread changes what it asks for */
+    for (CodeUnit *u; (u = next_to_emit(t));) {
         if (guard_broken()) u->status = SLT_LIMIT, u->why = "out of memory while LLVM compiled";
         else unit_emit(s, u, &t->machines);
         if (u->status) return;
