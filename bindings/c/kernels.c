@@ -435,7 +435,8 @@ static void build_body(Session *s, void *order) {
         make_ir(q, &set, &f);
         q->status = compile_order(q, &set, &f, module);
         if (q->status != SLT_OK) return;
-        if (key.len && !set.chunks && are_kept(&f, module)) recall_keep(q, &key, &f);
+        if (key.len && !set.chunks /* which are tables of their own */ && are_kept(&f, module))
+            recall_keep(q, &key, &f);
     }
     adopt(q, &f);
     if (set.chunks) p->scene.chunks = set.chunks;

@@ -115,7 +115,7 @@ static void add_program(Archive *a, const SltProgram *p) {
     const Program *g = p->prog;
     for (uint32_t i = 0; i < p->session->nsources; i++) {
         const Source *s = &p->session->sources[i];
-        uint32_t facts[] = {s->len, s->glsl[0], s->glsl[1]};
+        uint32_t facts[] = {s->len, s->lead, s->shown_end, s->glsl[0], s->glsl[1]};
         EXCHANGE(a, facts), exchange(a, (void *)s->text, s->len);
     }
     for (uint32_t i = 0; i < g->nparams; i++) {
@@ -136,9 +136,7 @@ CacheKey recall_key(const KernelOrder *q) {
     const SltOptions *o = &p->opt;
     CacheKey key = {0};
     const bool shown = o->dump || o->stop_after || o->verify || o->verify_after;
-    /* Chunks are tables of their own, pixels share what only IR tells. */
-    if (!q->by_facts || o->no_cache || o->interpret || o->rgba8 || shown || q->needs[K_PRUNE] || q->needs[K_PRUNED])
-        return key;
+    if (!q->by_facts || o->no_cache || o->interpret || o->rgba8 || shown) return key; /* what pixels share, IR tells */
     Arena *scratch = &p->session->scratch;
     ArenaMark mark = arena_mark(scratch);
     Archive a = {.arena = scratch, .writes = true};

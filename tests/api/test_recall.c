@@ -137,6 +137,22 @@ static void as_if_passes_had_run(void **state) {
     }
 }
 
+/* An image needs no chunks of a program that has none. */
+static void an_image_alone(void **state) {
+    (void)state;
+    float image[2][SIZE * SIZE];
+    SltJob job = SLT_JOB_INIT;
+    SltError err;
+    job.size[0] = job.size[1] = SIZE;
+    for (int turn = 0; turn < 2; turn++) {
+        SltProgram *p = begin("shader float main(float2 x) { return x.x * sin(x.y); }\n", false);
+        assert_ok(slt_render(p, &job, image[turn], NULL, &err));
+        assert_int_equal(p->fn[K_VALUE] == NULL, turn);
+        slt_program_free(p);
+    }
+    assert_memory_equal(image[0], image[1], sizeof image[0]);
+}
+
 /* IR is made for who asks for it, and derivatives of other parameters have other kernels. */
 static void asked_for_after_all(void **state) {
     (void)state;
@@ -224,7 +240,8 @@ static void other_programs(void **state) {
 static int setup(void **state) { return scratch_make(state) || setenv("XDG_CACHE_HOME", scratch, 1); }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(as_if_passes_had_run), cmocka_unit_test(asked_for_after_all),
-                                       cmocka_unit_test(damaged), cmocka_unit_test(other_programs)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(as_if_passes_had_run), cmocka_unit_test(an_image_alone),
+                                       cmocka_unit_test(asked_for_after_all), cmocka_unit_test(damaged),
+                                       cmocka_unit_test(other_programs)};
     return cmocka_run_group_tests(tests, setup, scratch_drop);
 }
