@@ -53,18 +53,21 @@ static void gradient_needs(const SltProgram *p, const SltJob *j, bool forward, b
     needs[forward ? K_SITE_JVP : K_SITE_VJP] = true;
 }
 
+/* Before bounds have been asked: is it likely that they will have cells? */
+static bool hopes(const ApiCall *c) { return slt_estimate_hopes(&c->p->scene, &c->job, api_event_bound(c->p)); }
+
 /* May the kernels of edges be compiled before it is known that they are needed? Of a small program they take as long as
  * those of bounds; of a large one, ten times as long. Only where it is likely that bounds will ask for them. */
 static bool small_edges(const ApiCall *c) {
     enum { SMALL = 64 }; /* instructions */
-    return walk_fn_size(c->p->prog->primal) <= SMALL && pool_threads(c->job.threads, 2) > 1 &&
-           slt_estimate_hopes(&c->p->scene, &c->job, api_event_bound(c->p));
+    return walk_fn_size(c->p->prog->primal) <= SMALL && pool_threads(c->job.threads, 2) > 1 && hopes(c);
 }
 
 /* Kernels of cells. Bounds come first: they may say that the others are not needed, which are compiled beside them
  * where a core would wait else. These are a module of their own: what they say decides what comes next, and the cache
- * keeps them whatever is differentiated. `soon`: what both estimators need, compiled in the same go. */
-static SltStatus settle(ApiCall *c, const bool soon[K_KINDS]) {
+ * keeps them whatever is differentiated. `soon`: what both estimators need, compiled in the same go; `lines`: what
+ * lines need beside that, likewise where it is likely that they will be the estimator. */
+static SltStatus settle(ApiCall *c, const bool soon[K_KINDS], const bool lines[K_KINDS]) {
     static const bool bounds[K_KINDS] = {[K_BOUNDS] = true},
                       cells[K_KINDS] = {[K_BOUNDS] = true, [K_EDGE] = true, [K_EDGE_BOUNDS] = true};
     SltStatus s = SLT_OK;
@@ -79,7 +82,10 @@ static SltStatus settle(ApiCall *c, const bool soon[K_KINDS]) {
         (paper || api_too_many_sites(c->p) || !slt_estimate_has_choice(&c->p->scene, &c->job)))
         c->job.estimator = SLT_EST_LATTICE;
     if (c->job.estimator == SLT_EST_AUTO) {
-        s = api_call_kernels_beside(c, small_edges(c) ? cells : bounds, soon);
+        bool all[K_KINDS];
+        const bool likely = pool_threads(c->job.threads, 2) > 1 && !hopes(c);
+        for (int k = 0; k < K_KINDS; k++) all[k] = soon[k] || (likely && lines[k]);
+        s = api_call_kernels_beside(c, small_edges(c) ? cells : bounds, all);
         if (s == SLT_OK) c->job.estimator = slt_estimate_choose(&c->p->scene, &c->job, c->stats);
     }
     return s == SLT_OK && by_cells(&c->job) ? api_call_kernels_beside(c, cells, soon) : s;
@@ -99,8 +105,8 @@ static SltStatus begin_render(ApiCall *c, SltProgram *p, const SltJob *job, SltS
     /* Pixels are sampled unless they are to be exact. */
     if (c->job.estimator == SLT_EST_AUTO && c->job.interior != SLT_INTERIOR_QUADRATURE)
         c->job.estimator = SLT_EST_LATTICE;
-    static const bool soon[K_KINDS] = {[K_VALUE] = true};
-    s = settle(c, soon);
+    static const bool soon[K_KINDS] = {[K_VALUE] = true}, none[K_KINDS] = {false};
+    s = settle(c, soon, none);
     value_needs(&c->job, needs);
     needs[K_PRUNE] = needs[K_PRUNED] = !by_cells(&c->job) && !c->job.integral;
     return s != SLT_OK ? s : api_call_kernels(c, needs);
@@ -112,14 +118,18 @@ typedef enum Gradient { OF_IMAGE, OF_LOSS, OF_INTEGRAL } Gradient;
 static SltStatus begin_gradient(ApiCall *c, SltProgram *p, const SltJob *job, Gradient of, SltStats *stats,
                                 SltError *err) {
     const bool forward = of == OF_IMAGE;
-    bool needs[K_KINDS], soon[K_KINDS];
+    bool needs[K_KINDS], soon[K_KINDS], lines[K_KINDS];
     SltStatus s = begin(c, p, job, stats, err);
     if (s != SLT_OK) return s;
-    SltJob lines = c->job;
-    lines.estimator = SLT_EST_LATTICE;
-    gradient_needs(p, &lines, forward, soon);
-    for (int k = 0; k < K_KINDS; k++) soon[k] &= !of_lines[k] && k != K_BOUNDS;
-    s = settle(c, soon);
+    SltJob by_lines = c->job;
+    by_lines.estimator = SLT_EST_LATTICE;
+    gradient_needs(p, &by_lines, forward, soon);
+    const bool f_comes_along = of == OF_INTEGRAL && soon[K_VJP]; /* so that its kernel may wait */
+    for (int k = 0; k < K_KINDS; k++) {
+        lines[k] = soon[k] && of_lines[k] && !(k == K_VALUE && f_comes_along);
+        soon[k] &= !of_lines[k] && k != K_BOUNDS;
+    }
+    s = settle(c, soon, lines);
     if (s != SLT_OK) return s;
     gradient_needs(p, &c->job, forward, needs);
     const bool narrows = !needs[K_BOUNDS] && narrows_lists(p, &c->job);
