@@ -23,6 +23,7 @@ void boundary_bind(Boundary *y, Worker *w, SinkKind kind) {
     w->sink.coincide.apart = y->run->apart, w->finder.ties = y->run->apart != NULL;
     w->sink.coincide.tied = w->finder.tied = y->run->tied;
     w->finder.proves = w->finder.finest = y->boxes > 0, w->finder.prove_boxes = y->boxes;
+    w->finder.only_hidden = y->only_hidden;
     w->finder.pairs = y->run->grid.integral && !y->windows;
     w->sink.kind = kind, w->sink.adjoint = y->adjoint, w->sink.classes = y->classes, w->sink.dirs = y->dirs;
     w->sink.any_sign = y->any_sign, w->sink.met = y->run->met;

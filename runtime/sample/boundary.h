@@ -35,6 +35,7 @@ typedef struct Boundary {
     const Windows *windows; /* NULL: the whole domain */
     bool any_sign;          /* each crossing counts with a random sign */
     uint64_t boxes;         /* lines of `windows` are cut by bounds, for so many boxes; 0: they are not */
+    bool only_hidden;       /* of lines of `windows` nothing counts but what lies between ends that look alike */
 } Boundary;
 /* The boundary term by the job's estimator; nothing where the program has none. */
 SltStatus boundary_run(Boundary *y, SinkKind kind);
