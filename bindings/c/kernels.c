@@ -7,6 +7,7 @@
 #include "bindings/c/api.h"
 #include "bindings/c/recall.h"
 #include "compiler/pass/depend.h"
+#include "compiler/pass/walk.h"
 
 /* Up to so many events a sample the near-miss probe is on by default, and regions are told apart by path: then a band
  * between two comparisons that is thinner than the spacing shows in the hash, though f is the same on both sides of it.
@@ -88,6 +89,7 @@ static void fill_scene(SltProgram *p) {
     s->edge_upsets = p->edge_upsets, s->edge_bends = p->edge_bends, s->edge_line = p->edge_line;
     s->edge_argmin = p->edge_argmin;
     s->still = !p->passes.untracked;
+    s->work = walk_work(g->primal->body);
     s->follow = p->opt.near_miss < 0 ? 1 : p->opt.near_miss > 0 ? 2 : 0;
     s->uses_rand = g->uses_rand, s->detached = g->uses_rand && ir_has(g->primal->body, OP_detach);
     s->geometries = p->geometries, s->ngeometries = g->ngeometries, s->geometry_base = p->geometry_base;
