@@ -10,6 +10,7 @@
 #include "bindings/c/api.h"
 #include "cli/cli.h"
 #include "compiler/back/back.h"
+#include "compiler/pass/walk.h"
 #include "runtime/base/threads.h"
 
 double cli_now(void) {
@@ -381,6 +382,23 @@ int cli_compile(Cli *c, SltProgram **out) {
     return SLT_OK;
 }
 
+/* Will compiling take longer than running, even if loops run to their ends? Then kernels are compiled in less time for
+ * running more slowly. The process is over behind the job: nobody will run them on more. */
+static bool has_few_samples(const Cli *c, const SltProgram *p) {
+    enum { FEW = 1 << 25 }; /* instructions of all samples: a few milliseconds */
+    const SltJob *j = &c->job;
+    if (!(c->verb->bit & (RENDER | GRAD)) || j->error > 0 || j->abs_error > 0 || j->estimator == SLT_EST_FD)
+        return false;
+    double times = j->integral ? 1 : (double)j->size[0] * j->size[1] * j->size[2],
+           samples = j->integral ? (double)j->samples : times * j->spp;
+    if (c->verb->bit == GRAD && !j->integral && !c->target && !c->adjoint) { /* one parameter at a time */
+        uint32_t wanted = 1;
+        for (uint32_t i = 0; i < slt_float_count(p); i++) wanted += p->wrt[i];
+        times *= wanted, samples *= wanted;
+    }
+    return fmax(samples, times * (double)j->segments) * walk_work(p->prog->primal->body) <= FEW;
+}
+
 int cli_prepare_job(Cli *c, SltProgram *p) {
     uint32_t dim = slt_dim(p);
     for (uint32_t d = dim; d < 3; d++) {
@@ -398,6 +416,7 @@ int cli_prepare_job(Cli *c, SltProgram *p) {
         return cli_error(SLT_LIMIT, "an image of %ux%ux%u with %u channels is larger than the limit of 2^28 values",
                          c->job.size[0], c->job.size[1], c->job.size[2], slt_channels(p));
     }
+    p->few_samples = has_few_samples(c, p);
     return SLT_OK;
 }
 

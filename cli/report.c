@@ -231,8 +231,14 @@ static bool name_in(const Type *t, uint32_t *index, char *buf, size_t size) {
         break;
     case T_ARRAY:
         for (uint32_t k = 0; k < t->n; k++) {
+            const uint32_t before = *index;
             snprintf(buf + at, size - at, "[%u]", k);
             if (name_in(t->elem, index, buf, size)) return true;
+            /* So many are in each: those that end before it are passed over. */
+            const uint32_t each = before - *index, left = t->n - 1 - k;
+            if (!each) break;
+            const uint32_t over = *index / each < left ? *index / each : left;
+            *index -= over * each, k += over;
         }
         break;
     case T_STRUCT:

@@ -52,7 +52,9 @@ struct SltProgram {
     atomic_bool in_fit;           /* like in_use, of calls on the holder's thread */
     atomic_bool fitted;           /* between slt_fit_begin and slt_fit_end: slt_wrt and another fit must wait */
     uint32_t most_site_size;      /* VariantOptions.most_site_size */
-    bool ready;                   /* compiled, with values: else only diagnostics may be asked for */
+    bool few_samples; /* kernels will run for milliseconds: one vector a value, which compiles in half the time. Not
+                         where they add up adjoints: in which order hangs on the lanes */
+    bool ready;       /* compiled, with values: else only diagnostics may be asked for */
 
     double *floats; /* [nfloats]: the values; of derived arrays the last that were computed */
     void *flt;      /* flt[nfloats]: the values in the program's precision; while flt_lent those of the last call */

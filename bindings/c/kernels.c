@@ -7,6 +7,7 @@
 #include "bindings/c/api.h"
 #include "bindings/c/recall.h"
 #include "compiler/pass/depend.h"
+#include "compiler/pass/walk.h"
 
 /* Up to so many events a sample the near-miss probe is on by default, and regions are told apart by path: then a band
  * between two comparisons that is thinner than the spacing shows in the hash, though f is the same on both sides of it.
@@ -88,6 +89,7 @@ static void fill_scene(SltProgram *p) {
     s->edge_upsets = p->edge_upsets, s->edge_bends = p->edge_bends, s->edge_line = p->edge_line;
     s->edge_argmin = p->edge_argmin;
     s->still = !p->passes.untracked;
+    s->work = walk_work(g->primal->body);
     s->follow = p->opt.near_miss < 0 ? 1 : p->opt.near_miss > 0 ? 2 : 0;
     s->uses_rand = g->uses_rand, s->detached = g->uses_rand && ir_has(g->primal->body, OP_detach);
     s->geometries = p->geometries, s->ngeometries = g->ngeometries, s->geometry_base = p->geometry_base;
@@ -274,13 +276,14 @@ static void reverse_facts(SltProgram *p, int kind, Fn *fn, OrderFacts *f) {
     const bool adds = back_dense_adjoints(fn, f->dense);
     if (kind == K_SITE_VJP) f->site_logs = !adds && !p->opt.interpret;
     else f->rigid = !ir_has(fn->body, OP_adj);
+    f->kernel[kind].few &= !adds; /* the order of sums hangs on the lanes */
 }
 
 static void kernel_facts(SltProgram *p, int kind, const KernelSet *set, OrderFacts *f) {
     KernelFacts *k = &f->kernel[kind];
     Fn *fn = set->fn[kind];
     *k = (KernelFacts){.made = true,
-                       .few = is_of_boxes(kind) && !is_long(set, kind),
+                       .few = p->few_samples || (is_of_boxes(kind) && !is_long(set, kind)),
                        .plain = is_long(set, kind),
                        .tape_grows = set->tape[kind].grows,
                        .tape_bytes = set->tape[kind].bytes_per_lane,
@@ -381,7 +384,7 @@ static SltStatus compile_order(KernelOrder *q, const KernelSet *set, OrderFacts 
     }
     for (uint32_t c = 0; q->cull && c < p->prog->ncull; c++)
         add_kernel(&group[0], (KernelRequest){arena_printf(&p->session->module, "cull%u", c), p->prog->cull_bounds[c]},
-                   false, false);
+                   p->few_samples, false);
     SltStatus status = make_modules(p, p->session, group, level, q->err);
     for (uint32_t m = 0; m < ORDER_MODULES; m++) {
         module[m] = group[m].made;

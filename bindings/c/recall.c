@@ -144,7 +144,7 @@ CacheKey recall_key(const KernelOrder *q) {
     exchange(&a, (void *)version, sizeof version);
     exchange(&a, (void *)q->needs, sizeof q->needs), exchange(&a, (void *)q->late, sizeof q->late);
     exchange(&a, (void *)q->soon, sizeof q->soon);
-    const bool asks[] = {q->cull, q->cells};
+    const bool asks[] = {q->cull, q->cells, p->few_samples};
     exchange(&a, (void *)asks, sizeof asks);
     add_options(&a, p), add_program(&a, p);
     exchange(&a, p->wrt, p->prog->nfloats);

@@ -55,11 +55,10 @@ static void born(const Inst *i, const void *const *slot, uint32_t k, Lost *to) {
 
 /* Is r in each of the lanes what most numbers are, neither low nor infinite? Then nothing is lost. */
 static bool is_usual(const float *r) {
-    int unusual = 0;
-    for (uint32_t k = 0; k < LANES; k++) {
-        float size = fabsf(r[k]);
-        unusual |= !(size >= FLT_MIN) | !(size <= FLT_MAX);
-    }
+    enum { LEAST = 0x00800000, BEYOND = 0x7f800000 }; /* bits of FLT_MIN and infinity; as integers they go by size */
+    uint32_t bits[LANES], unusual = 0;
+    memcpy(bits, r, sizeof bits);
+    for (uint32_t k = 0; k < LANES; k++) unusual |= (bits[k] & INT32_MAX) - LEAST >= BEYOND - LEAST;
     return !unusual;
 }
 

@@ -65,14 +65,22 @@ static void copy_all(const Interp *in, void *to, const void *from, unsigned t) {
 }
 
 static void copy_masked(const Interp *in, void *to, const void *from, unsigned t, const Mask *m) {
+    const uint32_t lanes = in->lanes; /* both sides are read whatever the mask is: so vectors will do */
+    const uint8_t *restrict on = m->on;
     if (type_bytes(in, t) == 4) {
-        uint32_t *d = to;
-        const uint32_t *s = from;
-        for (uint32_t l = 0; l < in->lanes; l++) d[l] = m->on[l] ? s[l] : d[l];
+        uint32_t *restrict d = to;
+        const uint32_t *restrict s = from;
+        for (uint32_t l = 0; l < lanes; l++) {
+            const uint32_t was = d[l], is = s[l];
+            d[l] = on[l] ? is : was;
+        }
     } else {
-        uint64_t *d = to;
-        const uint64_t *s = from;
-        for (uint32_t l = 0; l < in->lanes; l++) d[l] = m->on[l] ? s[l] : d[l];
+        uint64_t *restrict d = to;
+        const uint64_t *restrict s = from;
+        for (uint32_t l = 0; l < lanes; l++) {
+            const uint64_t was = d[l], is = s[l];
+            d[l] = on[l] ? is : was;
+        }
     }
 }
 

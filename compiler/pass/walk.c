@@ -27,6 +27,16 @@ uint32_t walk_fn_size(const Fn *fn) {
     return n;
 }
 
+double walk_work(const Block *b) {
+    double n = 0;
+    for (const Inst *i = b->first; i; i = i->next) {
+        n += !ir_is_const(i);
+        for (uint32_t r = 0; r < i->nregions; r++)
+            n += (i->op == OP_loop ? (double)i->imm.loop.max_iters : 1) * walk_work(i->region[r]);
+    }
+    return n;
+}
+
 bool walk_any_marked(const uint8_t *marks, const Inst *param) {
     const uint8_t *first = marks + param->imm.slot.base;
     const uint32_t n = param->imm.slot.count;

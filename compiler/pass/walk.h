@@ -11,6 +11,8 @@ bool walk_is_pure(const Inst *i);
 /* Number of instructions in a block and all regions below (constants do not count). */
 uint32_t walk_size(const Block *b);
 uint32_t walk_fn_size(const Fn *fn); /* over all parts */
+/* Each as often as the loops around it may run: what a sample takes at most. */
+double walk_work(const Block *b);
 /* opt_lists.c: may iterations of this loop be left out, where they change nothing? */
 bool walk_can_leave_out(const Fn *fn, const Inst *loop);
 /* Is any of the floats marked that a read of parameters may be of? Slots are as many as an image has numbers. */

@@ -11,9 +11,9 @@
 #include "runtime/sample/accum.h"
 #include "runtime/sample/alloc.h"
 
-/* 64-byte aligned zeros. Of a large block the system gives only the pages that are touched: a heightfield of a million
- * heights has adjoints in the log alone, and of the buffers of a worker many stay empty. A small one comes from the
- * heap, whose pages are there already in the next call. */
+/* 64-byte aligned, and with `zero` zeros. Of a large block the system gives only the pages that are touched: a
+ * heightfield of a million heights has adjoints in the log alone, and of the buffers of a worker many stay empty. A
+ * small one comes from the heap, whose pages are there already in the next call. */
 enum { FEW_BYTES = 1 << 19 };
 
 enum { FOLD = 1 << 13 }; /* entries of a log, which then still lies in a cache */
@@ -22,10 +22,10 @@ enum { FOLD = 1 << 13 }; /* entries of a log, which then still lies in a cache *
 enum { LONG_LOG = 1 << 22 };
 enum { LOOK = 256 }; /* entries that tell how a log goes on */
 
-static void *zero_pages(uint64_t bytes) {
+static void *new_pages(uint64_t bytes, bool zero) {
     if (bytes <= FEW_BYTES) {
         void *few = aligned_alloc(64, (bytes + 63) & ~(uint64_t)63);
-        return few ? memset(few, 0, bytes) : NULL;
+        return few && zero ? memset(few, 0, bytes) : few;
     }
     void *p = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     return p == MAP_FAILED ? NULL : p;
@@ -46,8 +46,8 @@ bool accum_init(Accum *a, const SltScene *s, uint32_t n) {
     a->stride = (s->f64 ? 8 : 4) * (uint64_t)s->adj_lanes;
     a->bytes = a->stride * s->nfloats;
     uint32_t blocks = s->nfloats / ACCUM_BLOCK + 1;
-    a->adj = zero_pages(a->bytes * n + 64);
-    a->sums = zero_pages(n * sums_bytes(a));
+    a->adj = new_pages(a->bytes * n + 64, true);
+    a->sums = new_pages(n * sums_bytes(a), false);
     if (!a->adj || !a->sums) return false;
     for (uint32_t i = 0; i < n; i++) {
         AdjointBuffer *b = &a->buf[i];
@@ -119,7 +119,7 @@ static void call_rows(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32
     if (watched && !len) accum_leave_out(a, n);
     if (len > b->args.log_cap) {
         /* The adjoints of this call are in adj already: the second run is for the log alone. */
-        if (!a->scratch) a->scratch = zero_pages(a->bytes * SLT_MAX_CHANNELS + 64);
+        if (!a->scratch) a->scratch = new_pages(a->bytes * SLT_MAX_CHANNELS + 64, true);
         if (!a->scratch || !grow_log(a, buf, buf->log_len + len)) {
             a->failed = true;
             return;

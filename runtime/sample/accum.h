@@ -14,7 +14,7 @@ enum {
 typedef struct AdjointBuffer {
     unsigned char *adj; /* of this tile: flt[nfloats][adj_lanes]. Those of one
                            buffer lie behind those of the one before, as the rows of a kernel do */
-    double *sum;        /* [nfloats]: adj summed over lanes */
+    double *sum;        /* [nfloats]: adj summed over lanes, of the blocks in touched alone */
     uint32_t *touched;  /* [ntouched]: first parameter of each block whose sum is not 0 */
     uint32_t ntouched;
     bool dirty;                /* a kernel has added to adj */

@@ -1,6 +1,7 @@
 /* What lines step over between two vertices, however thin: a few lines of their own are cut by bounds until nothing is
- * open on their parts (prove.h), and what they meet then and did not meet before is what all lines miss. A line at
- * which nothing hides gives the same twice, to the bit. */
+ * open on their parts (prove.h). What they meet between vertices that look alike, beside what a probe would have found
+ * there, is what all lines miss. Crossings between vertices that differ are found as well, for beside them more may
+ * hide; but all lines find those, and here nobody asks what they weigh. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -14,7 +15,7 @@ enum { FEWEST = 12, MOST = 4096 /* vertices */, BOXES = 3 /* for each vertex, an
 SltStatus between_add(Run *r, const Boundary *of, uint32_t replicates, double *missed, double *error) {
     const SltScene *s = r->s;
     uint64_t size = (uint64_t)s->channels * s->nfloats;
-    double vertices = floor(pow(of->segments / s->dim, 1.0 / s->dim)), found[2] = {0};
+    double vertices = floor(pow(of->segments / s->dim, 1.0 / s->dim)), found[2] = {0}; /* by probes, by bounds */
     double lines = COST * of->segments / s->dim * replicates / (s->dim * fmax(vertices, 1));
     if (s->dim == 1 || s->ngeometries || s->uses_rand || !s->kernel[SLT_K_BOUNDS] || vertices < 2) return SLT_OK;
     lines = pow(fmax(lines, FEWEST), 1.0 / (s->dim - 1));
@@ -23,9 +24,9 @@ SltStatus between_add(Run *r, const Boundary *of, uint32_t replicates, double *m
     double *sum = alloc_zero(6 * size, sizeof *sum);
     if (!sum) return status_fail(r->err, SLT_LIMIT, "out of memory");
     SltStatus st = SLT_OK;
-    for (uint32_t cut = 0; cut < 2 && st == SLT_OK; cut++) {
+    for (uint32_t cut = !scene_outputs(s, SLT_K_REGION, SLT_OUT_NEAR_SITE); cut < 2 && st == SLT_OK; cut++) {
         Boundary y = *of;
-        y.windows = &windows;
+        y.windows = &windows, y.only_hidden = true;
         if (cut) y.boxes = BOXES_LEAST + BOXES * s->dim * (uint64_t)(pow(windows.lines, s->dim - 1) * vertices);
         st = windows_run(r, &y, sum + cut * 3 * size, &found[cut]);
     }

@@ -23,6 +23,7 @@ void boundary_bind(Boundary *y, Worker *w, SinkKind kind) {
     w->sink.coincide.apart = y->run->apart, w->finder.ties = y->run->apart != NULL;
     w->sink.coincide.tied = w->finder.tied = y->run->tied;
     w->finder.proves = w->finder.finest = y->boxes > 0, w->finder.prove_boxes = y->boxes;
+    w->finder.only_hidden = y->only_hidden;
     w->finder.pairs = y->run->grid.integral && !y->windows;
     w->sink.kind = kind, w->sink.adjoint = y->adjoint, w->sink.classes = y->classes, w->sink.dirs = y->dirs;
     w->sink.any_sign = y->any_sign, w->sink.met = y->run->met;
@@ -34,15 +35,18 @@ bool boundary_in_order(const Run *r) {
     return estimators[r->j->estimator] == lattice_run && r->grid.integral && r->s->dim > 1 && !r->s->uses_rand;
 }
 
-/* Workers are memory that is touched for nothing where there is a tile for one of them alone. */
-static uint64_t most_tiles(const Boundary *y) {
+/* Workers are memory that is touched for nothing where there is a tile for one of them alone, or little to do. */
+static uint64_t most_tiles(const Boundary *y, uint32_t n) {
+    enum { SAMPLES = 16 }; /* that a segment takes as long as, or longer */
+    if (n > 1) return run_is_long(y->run, SAMPLES * y->segments * n) ? n : 1;
     if (y->windows) return y->windows->n;
     return estimators[y->run->j->estimator] == lattice_run ? lattice_tiles(y) : UINT32_MAX;
 }
 
 #define STEP 0x1p-15 /* by which parameters are moved, for boundaries that coincide: no less, whatever is known of roots */
 
-SltStatus boundary_run(Boundary *y, SinkKind kind) {
+/* All n in one go, or one alone. */
+static SltStatus run_some(Boundary *y, uint32_t n, SinkKind kind) {
     Run *r = y->run;
     const SltScene *s = r->s;
     bool can = s->kernel[SLT_K_REGION] && s->kernel[SLT_K_EVENT] && s->kernel[SLT_K_SIDES] && s->kernel[SLT_K_SITE] &&
@@ -54,15 +58,31 @@ SltStatus boundary_run(Boundary *y, SinkKind kind) {
     uint32_t accums = kind == SINK_INTEGRAL  ? sums * s->channels
                       : kind == SINK_REVERSE ? y->classes + y->misses + (y->noise[0] ? PARTS_NOISE : 0)
                                              : 0;
-    SltStatus st = run_workers(r, most_tiles(y), accums, kind);
+    SltStatus st = run_workers(r, most_tiles(y, n), accums, kind);
     double lines = pow(y->segments / s->dim, 1.0 / s->dim) * (r->grid.integral ? 1 : r->grid.n[0]);
     double step = coincide_step(root_tolerance(run_is_coarse(r)) / fmax(1, lines), STEP);
     if (st == SLT_OK && !(coincide_begin(r, step) && twins_begin(r)))
         st = status_fail(r->err, SLT_LIMIT, "out of memory");
     if (st == SLT_OK) {
         for (uint32_t i = 0; i < r->nworkers; i++) boundary_bind(y, &r->worker[i], kind);
-        st = y->windows ? scanline_windows(y) : estimators[r->j->estimator](y, kind);
+        st = y->windows ? scanline_windows(y)
+             : n > 1    ? lattice_run_small(y, n, kind)
+                        : estimators[r->j->estimator](y, kind);
     }
     run_free_workers(r);
+    return st;
+}
+
+SltStatus boundary_run(Boundary *y, SinkKind kind) { return run_some(y, 1, kind); }
+
+SltStatus boundary_run_all(Boundary *y, uint32_t n, SinkKind kind) {
+    if (estimators[y->run->j->estimator] == lattice_run && lattice_is_small(y)) return run_some(y, n, kind);
+    SltStatus st = SLT_OK;
+    PoolOptions *pool = &y->run->pool;
+    const double from = pool->from, step = (pool->to - from) / n;
+    for (uint32_t i = 0; i < n && st == SLT_OK; i++) {
+        pool->from = from + i * step, pool->to = pool->from + step;
+        st = run_some(&y[i], 1, kind);
+    }
     return st;
 }

@@ -35,15 +35,21 @@ typedef struct Boundary {
     const Windows *windows; /* NULL: the whole domain */
     bool any_sign;          /* each crossing counts with a random sign */
     uint64_t boxes;         /* lines of `windows` are cut by bounds, for so many boxes; 0: they are not */
+    bool only_hidden;       /* of lines of `windows` nothing counts but what lies between ends that look alike */
 } Boundary;
 /* The boundary term by the job's estimator; nothing where the program has none. */
 SltStatus boundary_run(Boundary *y, SinkKind kind);
+/* Those of the n replicates of an integral, in their order: small ones are tiles of one run. */
+SltStatus boundary_run_all(Boundary *y, uint32_t n, SinkKind kind);
 /* An estimator's `run` in estimators.def: makes the segments, and workers whose sinks are of that kind. */
 typedef SltStatus BoundaryRun(Boundary *y, SinkKind kind);
 #define SLT_ESTIMATOR(id, name, run, ...) BoundaryRun run;
 #include "saltus/estimators.def"
 /* lattice.c: how many tiles it cuts the domain into; there may be workers for so many. */
 uint64_t lattice_tiles(const Boundary *y);
+/* Has the lattice of an integral one tile? Then those of n replicates are run at once. */
+bool lattice_is_small(const Boundary *y);
+SltStatus lattice_run_small(Boundary *y, uint32_t n, SinkKind kind);
 /* Are the lines of all replicates together evenly spaced, so that replicates do not err independently? Then sketches
  * (sketch.h) tell how the lines of an integral err. */
 bool boundary_in_order(const Run *r);

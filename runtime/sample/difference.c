@@ -141,8 +141,7 @@ static SltStatus integrals(const SltScene *s, const SltJob *j, uint32_t n, doubl
     Run r;
     SltStatus st = run_begin(&r, s, j, err);
     memset(value, 0, (size_t)n * s->channels * sizeof *value);
-    for (uint32_t i = 0; i < n && st == SLT_OK; i++)
-        st = interior_integral(&r, i, (j->samples + n - 1) / n, value + (size_t)i * s->channels, NULL, NULL);
+    if (st == SLT_OK) st = interior_integral(&r, n, (j->samples + n - 1) / n, value, NULL, NULL);
     run_end(&r, stats);
     return st;
 }

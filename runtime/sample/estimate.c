@@ -95,7 +95,7 @@ SltStatus slt_estimate_render(const SltScene *s, const SltJob *j, int half, floa
     SltStatus st = run_begin(&r, s, j, err);
     if (st == SLT_OK && half == 0 && j->integral) {
         double value[SLT_MAX_CHANNELS] = {0};
-        st = interior_integral(&r, 0, j->samples, value, NULL, NULL);
+        st = interior_integral(&r, 1, j->samples, value, NULL, NULL);
         for (uint32_t c = 0; c < s->channels && st == SLT_OK; c++) out[c] = (float)value[c];
     } else if (st == SLT_OK) {
         st = interior_image(&r, (uint32_t)half, out);
@@ -438,6 +438,34 @@ static SltStatus ask_chance(Run *r, const Replicates *k, SltIntegral *out) {
     return st;
 }
 
+/* The boundary terms of all replicates. */
+static SltStatus all_boundaries(Run *r, const Replicates *k) {
+    const SltScene *s = r->s;
+    Boundary *y = alloc_zero(k->n, sizeof *y);
+    double **targets = alloc_zero((uint64_t)k->n * ACCUMS, sizeof *targets);
+    SltStatus st = SLT_OK;
+    if (!y || !targets) st = status_fail(r->err, SLT_LIMIT, "out of memory");
+    for (uint32_t i = 0; i < k->n && st == SLT_OK; i++) {
+        double **to = targets + (uint64_t)i * ACCUMS;
+        for (uint32_t c = 0; c < s->channels; c++) {
+            to[c] = k->boundary + i * k->size + (uint64_t)c * s->nfloats;
+            to[s->channels + c] = k->missed + i * k->size + (uint64_t)c * s->nfloats;
+            to[2 * s->channels + c] = k->half + (uint64_t)c * s->nfloats;
+            for (uint32_t q = 0; q < SKETCHES && k->sketch; q++)
+                to[(3 + q) * s->channels + c] = k->sketch + q * k->size + (uint64_t)c * s->nfloats;
+        }
+        y[i] = (Boundary){.run = r,
+                          .replicate = i,
+                          .replicates = k->n,
+                          .segments = segments_of(r->j) / k->n,
+                          .targets = to,
+                          .classes = 1};
+    }
+    if (st == SLT_OK) st = boundary_run_all(y, k->n, SINK_INTEGRAL);
+    free(y), free(targets);
+    return st;
+}
+
 /* Lines and samples, as many as the job says. */
 static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err) {
     Run r;
@@ -463,32 +491,18 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         if (!k.value || !k.interior || !k.boundary || !k.missed || !k.half)
             st = status_fail(err, SLT_LIMIT, "out of memory");
     }
-    for (uint32_t i = 0; i < k.n && st == SLT_OK; i++) {
-        double t = pool_now(), step = 1.0 / k.n;
-        uint64_t samples = (j->samples + k.n - 1) / k.n;
-        r.pool.from = i * step, r.pool.to = (i + 0.7) * step;
-        st = interior_integral(&r, i, samples, k.value + i * (size_t)s->channels,
-                               gradient && !j->no_interior ? k.interior + i * k.size : NULL, &tails);
-        r.stats.seconds_interior += pool_now() - t, t = pool_now();
-        r.pool.from = r.pool.to, r.pool.to = (i + 1) * step;
-        if (st != SLT_OK || j->no_boundary || !gradient) continue;
-        double *targets[ACCUMS];
-        for (uint32_t c = 0; c < s->channels; c++) {
-            targets[c] = k.boundary + i * k.size + (uint64_t)c * s->nfloats;
-            targets[s->channels + c] = k.missed + i * k.size + (uint64_t)c * s->nfloats;
-            targets[2 * s->channels + c] = k.half + (uint64_t)c * s->nfloats;
-            for (uint32_t q = 0; q < SKETCHES && k.sketch; q++)
-                targets[(3 + q) * s->channels + c] = k.sketch + q * k.size + (uint64_t)c * s->nfloats;
-        }
-        Boundary y = {.run = &r,
-                      .replicate = i,
-                      .replicates = k.n,
-                      .segments = segments_of(j) / k.n,
-                      .targets = targets,
-                      .classes = 1};
-        st = boundary_run(&y, SINK_INTEGRAL);
-        r.stats.seconds_boundary += pool_now() - t;
+    double t = pool_now();
+    if (st == SLT_OK) {
+        r.pool.to = 0.7;
+        st = interior_integral(&r, k.n, (j->samples + k.n - 1) / k.n, k.value,
+                               gradient && !j->no_interior ? k.interior : NULL, &tails);
     }
+    r.stats.seconds_interior += pool_now() - t, t = pool_now();
+    if (st == SLT_OK && gradient && !j->no_boundary) {
+        r.pool.from = 0.7, r.pool.to = 1;
+        st = all_boundaries(&r, &k);
+    }
+    r.stats.seconds_boundary += pool_now() - t;
     for (uint64_t row = 0; st == SLT_OK && gradient && row < (uint64_t)k.n * s->channels; row++) {
         double *of[] = {k.interior + row * s->nfloats, k.boundary + row * s->nfloats, k.missed + row * s->nfloats};
         st = pull_rows(s, of, 3, err);

@@ -75,6 +75,7 @@ typedef struct SltScene {
     const uint8_t *site_ties;   /* [nsites]: 1 where g hangs on a choice that parameters alone make; NULL: none */
     const SltTwins *twins;      /* [ntwins] */
     uint32_t ntwins;
+    double work;                /* instructions that a sample takes at most; 0: not known, or few */
     bool still;                 /* what is no site does not move */
     uint32_t nedges;            /* sites, then seams, which only `bounds` and the edge kernels know */
     const uint8_t *edge_kind;   /* [nedges]: SltSiteKind */

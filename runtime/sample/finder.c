@@ -107,7 +107,7 @@ void finder_push(Finder *f, const Segment *s) {
 
 void finder_add(Finder *f, Segment *s, Mark a, Mark b, double threshold) {
     s->ta = 0, s->tb = 1, s->ma = a, s->mb = b, s->threshold = threshold, s->halvings = 0, s->cut = 0;
-    s->touches = 0, s->fine = false;
+    s->touches = 0, s->fine = s->hidden = false;
     if (f->proves && !search_differ(a, b, threshold)) {
         prove_add(f, s, 0, 1, a, b);
         return;
@@ -446,6 +446,7 @@ static uint32_t accept(Finder *f, const Item *it, double lo, double hi, Mark bef
         finder_drop_part(f, SLT_DROP_NOT_FINITE, &it->s, it->event.site);
         return UINT32_MAX;
     }
+    if (f->only_hidden && !it->s.hidden) return UINT32_MAX;
     if (f->met) f->met[it->s.owner] = true;
     f->followed += it->s.thin == THIN_FOUND;
     bool tied = f->tied && f->tied[it->event.site],

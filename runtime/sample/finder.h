@@ -54,6 +54,7 @@ typedef struct Segment {
     uint8_t touches;  /* TOUCH_* bits: there is a crossing right beside this end of the part; prove.h */
     uint8_t owner;    /* whose it is: an index of Finder.lost */
     bool fine;        /* a bracket of which both sides were alike: as near as rounding allows */
+    bool hidden;      /* it is part of one with ends that look alike */
     bool narrow;   /* another crossing of the line is near: the next edge, or the one before, has ends that differ, too,
                       or what is left of this one */
     uint32_t edge; /* of the lattice's tile: 1 + its first vertex; 0: none */
@@ -135,6 +136,7 @@ struct Finder {
     uint64_t prove_boxes; /* this many boxes; */
     bool *open, *met; /* set by owner where a part was given up that touches none, and where a crossing was found; NULL:
                          nobody asks */
+    bool only_hidden; /* crossings of segments that are not hidden are found, and handed over to nobody */
     bool ties;        /* crossings at which regions differ and f does not are wanted too: Crossing.silent */
     bool coarse;      /* rays in an image: a root to 2^-9 of a segment, less than a hundredth of a pixel, will do */
     bool pairs;       /* of an integral: what jumps of crossings near each other leave of each other counts: flank.c */

@@ -453,22 +453,29 @@ SltStatus interior_forward(Run *r, const Directions *dirs, float *const *out) {
 /* ---- integral */
 typedef struct Total {
     Run *run;
-    Pattern pattern;
-    uint64_t samples;
-    double weight; /* of a sample: volume / samples */
-    double *value;
-    double *targets[ACCUMS]; /* by channel; NULL: values only */
+    uint64_t samples, tiles; /* of each replicate */
+    double weight;           /* of a sample: volume / samples */
+    double *value, *to;      /* [replicates][channels], [replicates][channels][nfloats] */
     bool gradient, both;     /* both: values come from the reverse kernel */
     Tails *tails;            /* NULL: not wanted */
 } Total;
+
+/* The samples of a tile, *from .. *to - 1 of its replicate. */
+static uint64_t replicate_of(const Total *p, uint64_t tile, uint64_t *from, uint64_t *to) {
+    *from = tile % p->tiles * INTEGRAL_TILE;
+    *to = *from + INTEGRAL_TILE < p->samples ? *from + INTEGRAL_TILE : p->samples;
+    return tile / p->tiles;
+}
 
 static bool total_work(void *user, uint32_t worker, uint64_t tile) {
     Total *p = user;
     Worker *w = &p->run->worker[worker];
     Batch *b = &w->batch;
     const SltScene *s = p->run->s;
-    uint64_t from = tile * INTEGRAL_TILE, to = from + INTEGRAL_TILE < p->samples ? from + INTEGRAL_TILE : p->samples;
+    uint64_t from, to, replicate = replicate_of(p, tile, &from, &to);
     double weight[BATCH];
+    Pattern pattern;
+    pattern_init(&pattern, s, p->run->j->seed, RNG_INTEGRAL, 0, replicate);
     if (!worker_values(w, s->channels)) return false;
     b->args.cull = NULL;
     bool tails = p->gradient && p->tails;
@@ -476,7 +483,7 @@ static bool total_work(void *user, uint32_t worker, uint64_t tile) {
     if (tails && !tails_begin(p->tails, &w->tail, INTEGRAL_TILE / TAIL_CALL)) return false;
     for (uint64_t at = from; at < to;) {
         uint32_t n = to - at < call ? (uint32_t)(to - at) : call;
-        walk_integral(b, &p->pattern, at, n);
+        walk_integral(b, &pattern, at, n);
         at += n;
         if (!p->gradient) {
             batch_call(b, SLT_K_VALUE, n);
@@ -498,31 +505,34 @@ static bool total_work(void *user, uint32_t worker, uint64_t tile) {
 static void total_merge(void *user, uint32_t worker, uint64_t tile) {
     Total *p = user;
     Worker *w = &p->run->worker[worker];
-    uint64_t from = tile * INTEGRAL_TILE, to = from + INTEGRAL_TILE < p->samples ? from + INTEGRAL_TILE : p->samples;
-    if (p->gradient) accum_merge(&w->acc, p->targets);
+    const SltScene *s = p->run->s;
+    uint64_t from, to, first = replicate_of(p, tile, &from, &to) * s->channels;
+    double *targets[SLT_MAX_CHANNELS];
+    for (uint32_t c = 0; c < s->channels && p->gradient; c++) targets[c] = p->to + (first + c) * s->nfloats;
+    if (p->gradient) accum_merge(&w->acc, targets);
     if (p->gradient && p->tails) tails_merge(p->tails, &w->tail);
     if (!p->gradient || p->both)
-        for (uint32_t c = 0; c < p->run->s->channels; c++) p->value[c] += p->weight * w->value[c];
+        for (uint32_t c = 0; c < s->channels; c++) p->value[first + c] += p->weight * w->value[c];
     if (!p->gradient || p->both) p->run->stats.samples += to - from;
     run_collect(p->run, w);
 }
 
-SltStatus interior_integral(Run *r, uint32_t replicate, uint64_t samples, double *value, double *gradient,
+SltStatus interior_integral(Run *r, uint32_t replicates, uint64_t samples, double *value, double *gradient,
                             Tails *tails) {
     const SltScene *s = r->s;
-    Total p = {.run = r, .samples = samples ? samples : 1, .value = value};
+    Total p = {.run = r, .samples = samples ? samples : 1, .value = value, .to = gradient};
     if (tails_wanted(tails)) p.tails = tails;
     double volume = 1;
     for (uint32_t d = 0; d < s->dim; d++) volume *= s->hi[d] - s->lo[d];
     p.weight = volume / (double)p.samples;
-    pattern_init(&p.pattern, s, r->j->seed, RNG_INTEGRAL, 0, replicate);
-    uint64_t tiles = (p.samples + INTEGRAL_TILE - 1) / INTEGRAL_TILE;
+    p.tiles = (p.samples + INTEGRAL_TILE - 1) / INTEGRAL_TILE;
+    const uint64_t tiles = p.tiles * replicates,
+                   most = p.tiles > 1 || run_is_long(r, (double)p.samples * replicates) ? tiles : 1;
     /* What a shader prints comes from the value kernel. */
     p.both = value && gradient && s->kernel[SLT_K_VJP] && scene_outputs(s, SLT_K_VJP, SLT_OUT_F) && !s->print;
     for (int pass = value && !p.both ? 0 : 1; pass < (gradient && s->kernel[SLT_K_VJP] ? 2 : 1); pass++) {
         p.gradient = pass == 1;
-        for (uint32_t c = 0; c < s->channels && gradient; c++) p.targets[c] = gradient + (uint64_t)c * s->nfloats;
-        SltStatus st = run_workers(r, tiles, p.gradient ? s->channels : 0, SINK_KEEP);
+        SltStatus st = run_workers(r, most, p.gradient ? s->channels : 0, SINK_KEEP);
         if (st == SLT_OK) st = run_tiles(r, tiles, total_work, total_merge, &p);
         run_free_workers(r);
         if (st != SLT_OK) return st;

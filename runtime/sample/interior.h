@@ -42,9 +42,9 @@ SltStatus interior_halves(Run *r, float *const image[2]);
 SltStatus interior_reverse(Run *r, const float *const adjoint[2], uint32_t classes, double *const *targets,
                            Parts *parts, PartsOf of, const PixelLoss *loss);
 SltStatus interior_forward(Run *r, const Directions *d, float *const *out);
-/* The integral over the domain by one replicate of so many samples: value[channels]; gradient[channels][nfloats] when
- * not NULL, whose samples join `tails` when that is not NULL. */
-SltStatus interior_integral(Run *r, uint32_t replicate, uint64_t samples, double *value, double *gradient,
+/* The integral over the domain by replicates of so many samples each: value[replicates][channels];
+ * gradient[replicates][channels][nfloats] when not NULL, whose samples join `tails` when that is not NULL. */
+SltStatus interior_integral(Run *r, uint32_t replicates, uint64_t samples, double *value, double *gradient,
                             Tails *tails);
 
 #endif

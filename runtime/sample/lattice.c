@@ -533,22 +533,70 @@ uint64_t lattice_tiles(const Boundary *y) {
     return by_scanlines(y->run) ? UINT32_MAX : cut_tiles(&l);
 }
 
-SltStatus lattice_run(Boundary *y, SinkKind kind) {
+/* Of a replicate; *shift: of all of them. Returns the number of tiles. */
+static uint64_t place(Lattice *l, Boundary *y, uint32_t shift[4]) {
     const SltScene *s = y->run->s;
-    if (by_scanlines(y->run)) return scanline_run(y, kind);
-    Lattice l = {.y = y};
-    uint64_t tiles = cut_tiles(&l);
-    uint32_t shift[4];
+    *l = (Lattice){.y = y};
+    uint64_t tiles = cut_tiles(l);
     rng_block(y->run->j->seed, RNG_LATTICE, 0, 0, shift);
     for (uint32_t d = 0; d < s->dim; d++) {
-        l.h[d] = (s->hi[d] - s->lo[d]) / l.n[d];
-        l.shift[d] = stratified_shift(rng_unit(shift[d]), y->replicate, y->replicates, d);
+        l->h[d] = (s->hi[d] - s->lo[d]) / l->n[d];
+        l->shift[d] = stratified_shift(rng_unit(shift[d]), y->replicate, y->replicates, d);
     }
     for (uint32_t d = 0; d < s->dim; d++) {
-        l.base[d] = 1;
+        l->base[d] = 1;
         for (uint32_t o = 0; o < s->dim; o++)
-            if (o != d) l.base[d] *= l.h[o];
+            if (o != d) l->base[d] *= l->h[o];
     }
+    return tiles;
+}
+
+/* ---- lattices of one tile each, which no finger leaves for another */
+typedef struct Family {
+    Lattice *of;
+    double (*threshold)[2];
+    bool *proves;
+} Family;
+
+bool lattice_is_small(const Boundary *y) {
+    return y->run->grid.integral && !by_scanlines(y->run) && lattice_tiles(y) == 1;
+}
+
+static bool work_one(void *user, uint32_t worker, uint64_t number) {
+    const Family *f = user;
+    return work(&f->of[number], worker, 0);
+}
+
+static void merge_one(void *user, uint32_t worker, uint64_t number) {
+    const Family *f = user;
+    merge(&f->of[number], worker, 0);
+}
+
+SltStatus lattice_run_small(Boundary *y, uint32_t n, SinkKind kind) {
+    uint32_t shift[4];
+    Family f = {.of = alloc_zero(n, sizeof *f.of),
+                .threshold = alloc_zero(n, sizeof *f.threshold),
+                .proves = alloc_zero(n, sizeof *f.proves)};
+    bool failed = !f.of || !f.threshold || !f.proves;
+    for (uint32_t i = 0; i < n && !failed; i++) {
+        place(&f.of[i], &y[i], shift);
+        f.of[i].threshold = &f.threshold[i], f.of[i].proves = &f.proves[i];
+    }
+    if (!failed && kind == SINK_INTEGRAL && !y->any_sign && boundary_in_order(y->run)) begin_sketches(&f.of[0], shift);
+    SltStatus st = failed ? SLT_OK : run_tiles(y->run, n, work_one, merge_one, &f);
+    for (uint32_t i = 0; i < n && f.of; i++) {
+        failed |= f.of[i].failed;
+        free(f.of[i].guest), free(f.of[i].known);
+    }
+    free(f.of), free(f.threshold), free(f.proves);
+    return st == SLT_OK && failed ? status_fail(y->run->err, SLT_LIMIT, "out of memory") : st;
+}
+
+SltStatus lattice_run(Boundary *y, SinkKind kind) {
+    if (by_scanlines(y->run)) return scanline_run(y, kind);
+    Lattice l;
+    uint32_t shift[4];
+    uint64_t tiles = place(&l, y, shift);
     if (kind == SINK_INTEGRAL && !y->any_sign && boundary_in_order(y->run)) begin_sketches(&l, shift);
     bool follows = y->run->nworkers && y->run->worker[0].follow;
     if (follows && (!(l.threshold = alloc_zero(tiles, sizeof *l.threshold)) ||

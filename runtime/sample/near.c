@@ -163,6 +163,7 @@ void near_flush(Worker *w) {
                 p->c[rest++] = p->c[i];
                 continue;
             }
+            s.hidden = true;
             s.fine = true; /* the slope of g may be another a little beside the root, where all is so narrow */
             s.tb = p->c[i].t, s.mb = m;
             finder_push(&w->finder, &s);

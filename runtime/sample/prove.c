@@ -56,7 +56,7 @@ void prove_add(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b
     Segment *part = &f->alike[f->nalike++];
     *part = *s;
     part->ta = ta, part->tb = tb, part->ma = a, part->mb = b, part->cut = 0, part->event_threshold = 0;
-    part->state = SEARCH_ROOT;
+    part->state = SEARCH_ROOT, part->hidden = true;
 }
 
 /* The least part of this segment: PROVE_LEAST, or a few units in the last place of the position. Beside a crossing no

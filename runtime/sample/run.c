@@ -58,6 +58,11 @@ void run_end(Run *r, SltStats *stats) {
 
 bool run_is_coarse(const Run *r) { return scene_outputs(r->s, SLT_K_EVENT, SLT_OUT_WINDOW) && !r->grid.integral; }
 
+bool run_is_long(const Run *r, double samples) {
+    enum { LONG = 1 << 20 }; /* instructions: a fifth of a millisecond */
+    return samples * r->s->work > LONG;
+}
+
 static bool follows(const Run *r) {
     bool lattice = r->j->estimator == SLT_EST_LATTICE && !r->s->uses_rand && r->s->dim == 2;
     return lattice && (r->s->follow > 1 || (r->s->follow == 1 && !run_is_coarse(r)));

@@ -78,6 +78,8 @@ SltStatus run_workers(Run *r, uint64_t tiles, uint32_t accums, SinkKind kind);
 void run_free_workers(Run *r);
 /* Are these rays in an image, whose roots need not be finer than the pixels show? */
 bool run_is_coarse(const Run *r);
+/* Do so many samples take longer than a thread takes to begin, and its worker? */
+bool run_is_long(const Run *r, double samples);
 /* pool_run with the run's options; user goes to work and merge. */
 SltStatus run_tiles(Run *r, uint64_t tiles, PoolWork *work, PoolMerge *merge, void *user);
 /* In `merge`: the worker's counters join the run's. */

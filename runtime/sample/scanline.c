@@ -149,6 +149,7 @@ static void scan_lines(Scan *k, Worker *w, const Box *b, uint32_t axis, uint64_t
             if (hash[e] == hash[e + 1] && !depth_differs(da, db, own) &&
                 !worker_faces_differ(w, first + e, first + e + 1) && !w->finder.proves)
                 continue;
+            if (w->finder.only_hidden && !w->finder.proves) continue;
             seg.a[axis] = pos[e], seg.b[axis] = pos[e + 1];
             seg.cls = y->run->grid.integral || y->classes < 2 ? 0 : line_class(k, b, axis, l);
             seg.thin = w->sink.misses && !w->finder.proves ? thin_edge(w, &line, e, axis) : 0;

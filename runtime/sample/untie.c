@@ -29,7 +29,7 @@ struct Untie {
     Finder finder;
     double width;                       /* of the domain, its longest side */
     double way[UNTIE_MOST][UNTIE_WAYS]; /* of each crossing's own boundary, along its normal */
-    Order order[UNTIE_MOST][UNTIE_WAYS], *into;
+    Order order[UNTIE_MOST][UNTIE_WAYS];
     uint32_t move;
     const Crossing *c; /* in hand: c[which[..]] */
     const uint32_t *which;
@@ -90,9 +90,9 @@ static void take(void *user, Crossing *c, uint32_t n) {
 }
 
 Untie *untie_new(Batch *b) {
-    Untie *u = calloc(1, sizeof *u);
+    Untie *u = malloc(sizeof *u); /* ways and orders are set for the crossings in hand, which mostly are few */
     if (!u) return NULL;
-    u->b = b;
+    u->b = b, u->width = 0;
     for (uint32_t d = 0; d < b->s->dim; d++) u->width = fmax(u->width, b->s->hi[d] - b->s->lo[d]);
     if (!finder_init(&u->finder, b)) {
         untie_free(u);

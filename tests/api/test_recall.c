@@ -237,11 +237,28 @@ static void other_programs(void **state) {
     assert_true(fabs(at[0][0] - 0.5) < 1e-4 && fabs(at[1][0] - 0.25) < 1e-4 && at[2][0] == at[0][0]);
 }
 
+/* Kernels for few samples are found by those alone who ask for them, and give the same to the bit. */
+static void few_samples(void **state) {
+    (void)state;
+    static const char source[] = "param float r = 0.53125;\n" /* no other test's */
+                                 "shader float main(float2 x) { [Disc] if (length(x) < r) return 1.0; return 0.0; }\n";
+    double gradient[4][MOST];
+    for (int i = 0; i < 4; i++) {
+        SltProgram *p = begin(source, false);
+        p->few_samples = i % 2;
+        integrate(p, SLT_EST_LATTICE, gradient[i]);
+        assert_true((with_ir(p) > 0) == (i < 2));
+        assert_int_equal(p->compiled_few[K_REGION], i % 2);
+        assert_true(gradient[i][0] == gradient[0][0]);
+        slt_program_free(p);
+    }
+}
+
 static int setup(void **state) { return scratch_make(state) || setenv("XDG_CACHE_HOME", scratch, 1); }
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(as_if_passes_had_run), cmocka_unit_test(an_image_alone),
-                                       cmocka_unit_test(asked_for_after_all), cmocka_unit_test(damaged),
-                                       cmocka_unit_test(other_programs)};
+                                       cmocka_unit_test(asked_for_after_all),  cmocka_unit_test(damaged),
+                                       cmocka_unit_test(other_programs),       cmocka_unit_test(few_samples)};
     return cmocka_run_group_tests(tests, setup, scratch_drop);
 }

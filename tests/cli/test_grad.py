@@ -209,6 +209,13 @@ class Bits(Case):
                 out = json.dumps(self.strip(self.run_cli(*args).out)) + (str(hash(self.get(job[-1]))) if "-o" in job else "")
                 self.assertNotIn(out, seen, "another seed, other bits: %s" % args)
 
+    def test_replicates_at_once(self):
+        """Lattices of a tile each, of a program that is long enough for several threads."""
+        self.put("l.salt", "param float2 c[150] = init(at); float2 at(int i) { return rand2(); } [Domain(0.0, 1.0)] shader float main(float2 x) { float f = 0.0; "
+                 "for (int i = 0; i < 150; i++) { [Disc] if (length(x - c[i]) < 0.1) f += 0.1 * c[i].x; } return f; }")
+        seen = {json.dumps(self.strip(self.run_cli("grad", "l.salt", "--json", "--samples", 2000, "--estimator", "lattice", "--threads", t).out)) for t in (1, 2, 5)}
+        self.assertEqual(len(seen), 1)
+
     def test_estimators(self):
         self.put("c.salt", CIRCLE)
         for e in ("lattice", "scanline", "snap-knn", "snap-crofton", "fd"):

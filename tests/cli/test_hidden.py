@@ -1,5 +1,6 @@
 """What is hidden is found, by what runs where nothing is asked for: hidden.py, whose 300 scenes are too many for every run."""
 import math
+import os
 import tempfile
 
 import hidden
@@ -105,6 +106,14 @@ class Hidden(Case):
                 with self.subTest(estimator=estimator, seed=seed):
                     j = self.json_cli("grad", "b.salt", "--integral", "--precision", "f64", "--samples", 8192, "--seed", seed, "--estimator", estimator, "--quiet")
                     self.assertLess(abs(j["gradient"]["w"] - 7.84), 4 * j["stderr"]["w"])
+
+    def test_where_much_shows(self):
+        """Of 200 discs lines of two vertices step over some, which is told: what shows on the same lines is not weighed, nor counts for the less
+        where corners make it look like coinciding boundaries."""
+        discs = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../examples/painterly_discs/discs.salt")
+        j = self.json_cli("grad", discs, "--integral", "--samples", 1024, "--segments", 64, "--quiet")
+        self.assertLess(j["evaluations"], 50000)
+        self.assertGreater(max(abs(v) for d in j["missed_estimate"]["discs"] for v in d["radius"]), 0)
 
     def test_image(self):
         """A ring of 1e-4 in the gradient of an image, by default: the lattice, cheaper by far, sees nothing of it."""
