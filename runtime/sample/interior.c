@@ -364,7 +364,6 @@ static bool asks_for_rows(const Interior *p, const TileRect *t) {
     for (uint32_t row = 0; row < t->n[1] * t->n[2]; row++) {
         const float *a = p->adjoint + image_index(p, t, row * n) * channels;
         uint32_t zeros = 0;
-        __builtin_prefetch(a + n * channels); /* of the tile to the right, which is next */
         for (uint32_t i = 0; i < n * channels; i++) zeros |= a[i] == 0;
         if (zeros) return false;
     }
@@ -467,13 +466,24 @@ static void reverse_merge(void *user, uint32_t worker, uint64_t tile) {
     plain_merge(user, worker, tile);
 }
 
+/* Parameters by which goes what a tile costs besides its samples. Vertices have the log, a short one lies in a cache.
+ */
+static uint32_t summed(const Run *r) {
+    const SltScene *s = r->s;
+    if (!s->dense || !in_columns(r)) return s->nfloats;
+    uint32_t n = 0;
+    for (uint32_t p = 0; p < s->nfloats; p++) n += s->dense[p];
+    return n;
+}
+
 SltStatus interior_reverse(Run *r, const float *const adjoint[2], uint32_t classes, double *const *targets,
                            Parts *parts, PartsOf of, const PixelLoss *loss) {
     if (!r->s->kernel[SLT_K_VJP]) return SLT_OK;
     Interior p = {
         .adjoint = adjoint[0], .loss = loss, .classes = classes, .targets = targets, .parts = parts, .parts_of = of};
     if (adjoint[0] != adjoint[1]) p.halves[0] = adjoint[0], p.halves[1] = adjoint[1];
-    plan(&p, r, 0, tile_side(r, r->s->nfloats > 1u << 14 && !r->s->ncull ? 64 : 32));
+    const bool many = summed(r) > 1u << 14 && !r->s->ncull;
+    plan(&p, r, 0, tile_side(r, many ? 64 : 32));
     SltStatus st = run_workers(r, p.ntiles, of.pairs ? 2 * of.pairs : classes, SINK_KEEP);
     if (st == SLT_OK) st = run_tiles(r, p.ntiles, reverse_work, reverse_merge, &p);
     run_free_workers(r);
