@@ -359,15 +359,18 @@ static void set_seeds(const Walk *k, Batch *b, uint32_t c, double part) {
 
 /* Are all pixels asked for? Then the walk makes batches of whole rows, if these fit in. */
 static bool asks_for_rows(const Interior *p, const TileRect *t) {
-    const uint32_t channels = p->run->s->channels, n = t->n[0];
-    if (!only_middles(p) || p->classes > 1 || (t->pixels > BATCH && BATCH % n)) return false;
-    for (uint32_t row = 0; row < t->n[1] * t->n[2]; row++) {
-        const float *a = p->adjoint + image_index(p, t, row * n) * channels;
-        uint32_t zeros = 0;
-        for (uint32_t i = 0; i < n * channels; i++) zeros |= a[i] == 0;
-        if (zeros) return false;
+    const Grid *g = &p->run->grid;
+    const uint32_t channels = p->run->s->channels, n = t->n[0] * channels;
+    uint32_t zeros = 0;
+    if (!only_middles(p) || p->classes > 1 || (t->pixels > BATCH && BATCH % t->n[0])) return false;
+    for (uint32_t z = 0; z < t->n[2] && !zeros; z++) {
+        uint64_t at = grid_index(g, t->lo[0], t->lo[1], t->lo[2] + z) * channels;
+        /* Rows go up, and each of a column is a line of memory of its own: nothing is decided before all are on their
+         * way. */
+        for (uint32_t y = 0; y < t->n[1]; y++, at -= (uint64_t)g->n[0] * channels)
+            for (uint32_t i = 0; i < n; i++) zeros |= p->adjoint[at + i] == 0;
     }
-    return true;
+    return !zeros;
 }
 
 static void seed_row(void *seed, bool f64, const float *adjoint, uint32_t channels, uint32_t n, double part) {
