@@ -257,14 +257,6 @@ void told_whole(Search *s, int32_t triangle) {
 
 /* ---- one sheet */
 
-/* A number of an edge, from its first corner to its second, for sums in which the other way is the same less. */
-static uint64_t number_of(int32_t a, int32_t b) {
-    const uint32_t low = (uint32_t)(a < b ? a : b), high = (uint32_t)(a < b ? b : a);
-    uint64_t n = ((uint64_t)low << 32 | high) * 0x9e3779b97f4a7c15u;
-    n = (n ^ n >> 32) * 0xd6e8feb86659fd93u;
-    return a < b ? n ^ n >> 32 : 0 - (n ^ n >> 32);
-}
-
 /* Sides that are not there are written as well, and over by what comes next: which are is hard to predict. */
 static void tell_part(Search *s, const Candidate *c) {
     const Parts *p = &s->store->parts.data[c->part / 8];
@@ -272,7 +264,7 @@ static void tell_part(Search *s, const Candidate *c) {
     uint32_t sides = 0;
     if (!room_for_piece(s->store)) return;
     if (s->scene->adjacency) {
-        const int32_t *corner = s->scene->tree.bvh->face + 3 * (size_t)c->triangle;
+        const int32_t *corner = s->store->near.data[c->near].corner;
         for (uint32_t k = 0; k < 3; k++) {
             const uint32_t next = k < 2 ? k + 1 : 0, from = c->turned ? next : k, to = c->turned ? k : next;
             put_side(s, s->store->n + 1 + sides, corner[from], corner[to], p->weight[k][i], p->end[k][0][i],
@@ -292,11 +284,10 @@ bool told_sheet(Search *s, const Candidate *c, uint32_t n, double others) {
     for (; count < n && !(area >= 1 - COVERED); count++) {
         const Parts *p = &store->parts.data[c[count].part / 8];
         const uint32_t bit = c[count].part % 8;
-        const int32_t *corner = s->scene->tree.bvh->face + 3 * (size_t)c[count].triangle;
+        const uint64_t *edge = store->near.data[c[count].near].edge;
         if (!(p->good >> bit & 1)) return false;
         /* All of them are turned alike, so edges need not be. */
-        for (uint32_t k = 0; k < 3; k++)
-            open += number_of(corner[k], corner[k < 2 ? k + 1 : 0]) & -(uint64_t)(p->there[k] >> bit & 1);
+        for (uint32_t k = 0; k < 3; k++) open += edge[k] & -(uint64_t)(p->there[k] >> bit & 1);
         area += p->area[bit];
         if (c[count].least < least) least = c[count].least;
     }
