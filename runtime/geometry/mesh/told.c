@@ -172,19 +172,26 @@ uint32_t pieces_tell(bool f64, const double number[SLT_TOLD], uint32_t whole) {
 }
 
 static inline __attribute__((always_inline)) void put_piece(const Search *s, uint32_t unit, double area, double at_s,
-                                                            double at_t, int32_t triangle, uint32_t sides, bool f64) {
-    const Search as = {.store = s->store, .f64 = f64};
-    put(&as, unit, SLT_PIECE_AREA, area);
-    put(&as, unit, SLT_PIECE_S, at_s), put(&as, unit, SLT_PIECE_T, at_t);
-    put_int(&as, unit, SLT_PIECE_NEXT, 0);
-    put_int(&as, unit, SLT_PIECE_TRIANGLE, triangle);
-    put_int(&as, unit, SLT_PIECE_SIDES, (int32_t)sides);
+                                                            double at_t, int32_t triangle, uint32_t sides) {
+    const Search as = {.store = s->store, .f64 = s->f64};
+    unsigned char *to = place(&as, unit, 0);
+    if (s->f64) {
+        const double at[] = {area, at_s, at_t};
+        memcpy(to, at, sizeof at);
+        put_int(&as, unit, SLT_PIECE_NEXT, 0);
+        put_int(&as, unit, SLT_PIECE_TRIANGLE, triangle), put_int(&as, unit, SLT_PIECE_SIDES, (int32_t)sides);
+        return;
+    }
+    const Two x = {area, at_s}, y = {at_t, 0};
+    const int32_t numbers[2] = {triangle, (int32_t)sides};
+    put_narrow(to, x), put_narrow(to + 2 * sizeof(float), y);
+    memcpy(to + 4 * sizeof(float), numbers, sizeof numbers);
 }
+_Static_assert(SLT_PIECE_T == 2 && SLT_PIECE_NEXT == 3 && SLT_PIECE_SIDES == 5, "no next one is a float, 0");
 
 static uint32_t tell(Search *s, int32_t triangle, double area, double at_s, double at_t, uint32_t sides) {
     const uint32_t unit = s->store->n;
-    if (s->f64) put_piece(s, unit, area, at_s, at_t, triangle, sides, true);
-    else put_piece(s, unit, area, at_s, at_t, triangle, sides, false);
+    put_piece(s, unit, area, at_s, at_t, triangle, sides);
     if (s->first) put_int(s, s->last, SLT_PIECE_NEXT, (int32_t)unit);
     else s->first = unit;
     s->last = unit;
