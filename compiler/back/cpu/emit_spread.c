@@ -18,6 +18,7 @@ typedef struct Spread {
     uint32_t most;          /* iterations */
     const FrameClass *frame;
     const Inst *read[READ_MAX];
+    Part row[READ_MAX]; /* in memory, where lanes cannot be picked otherwise */
     uint32_t nread;
     uint32_t lane_bits;
     Part list;             /* of numbers of lanes and, above lane_bits, of iterations */
@@ -80,9 +81,9 @@ static bool can_spread(Emit *e, Spread *s, const Block *b) {
     return true;
 }
 
-static bool compresses(const Emit *e) {
-    return e->told && e->opt->target.vector_bytes == 64 && e->plan.P <= 2 && (e->L == 8 || e->L == 16);
-}
+/* Of AVX-512: lanes that are on are stored in front, and lanes of two vectors picked, by one instruction each. */
+static bool compresses(const Emit *e) { return e->opt->target.vector_bytes == 64 && (e->L == 8 || e->L == 16); }
+static bool picks(const Emit *e) { return compresses(e) && e->P <= 2; }
 
 static void begin(Emit *e, Spread *s, Block *body) {
     *s = (Spread){.body = body};
@@ -121,18 +122,31 @@ static Part counting_from(Emit *e, Part from) {
     return LL(BuildAdd)(e->b, emit_splat(e, from), LL(ConstVector)(lane, e->L), "");
 }
 
-/* Adds what is on, part p; returns how many there are now. */
+/* Where number `at` of a list goes: j = 0, the items, or what frames have. */
+static Part place_in(Emit *e, const Spread *s, uint32_t j, Part at) {
+    at = LL(BuildZExt)(e->b, at, e->t_i64, "");
+    return j ? emit_gep(e, emit_scalar_type(e, (IrType)s->body->params[j - 1]->type), s->value[j - 1], at)
+             : emit_gep(e, e->t_i32, s->list, at);
+}
+
+/* Adds what is on, part p; returns how many there are now. Before AVX-512 lane by lane: one that is off is overwritten
+ * by the next. */
 static Part append(Emit *e, const Spread *s, uint32_t p, Part on, Part first, const Part *value, Part count) {
-    Part bits = LL(BuildBitCast)(e->b, on, LL(IntTypeInContext)(e->ctx, e->L), ""),
-         item = counting_from(e, LL(BuildAdd)(e->b, first, emit_int(e, e->t_i32, p * e->L), "")),
-         at = LL(BuildZExt)(e->b, count, e->t_i64, "");
-    emit_store(e, emit_compressed(e, item, on), emit_gep(e, e->t_i32, s->list, at), 4);
-    for (uint32_t j = 0; s->frame && j < s->body->nparams; j++) {
-        const IrType type = (IrType)s->body->params[j]->type;
-        emit_store(e, emit_compressed(e, value[j], on), emit_gep(e, emit_scalar_type(e, type), s->value[j], at),
-                   back_type_bytes(&e->plan, (uint8_t)type));
-    }
+    Part bits = LL(BuildBitCast)(e->b, on, LL(IntTypeInContext)(e->ctx, e->L), ""), all[FRAME_MAX + 1];
+    const uint32_t n = 1 + (s->frame ? s->body->nparams : 0);
+    all[0] = counting_from(e, LL(BuildAdd)(e->b, first, emit_int(e, e->t_i32, p * e->L), ""));
+    for (uint32_t j = 1; j < n; j++) all[j] = value[j - 1];
     bits = LL(BuildZExt)(e->b, bits, e->t_i32, "");
+    if (!compresses(e)) {
+        for (uint32_t l = 0; l < e->L; l++) {
+            Part lane = emit_int(e, e->t_i32, l), bit = LL(BuildLShr)(e->b, bits, lane, "");
+            for (uint32_t j = 0; j < n; j++)
+                emit_store(e, LL(BuildExtractElement)(e->b, all[j], lane, ""), place_in(e, s, j, count), 4);
+            count = LL(BuildAdd)(e->b, count, LL(BuildAnd)(e->b, bit, emit_int(e, e->t_i32, 1), ""), "");
+        }
+        return count;
+    }
+    for (uint32_t j = 0; j < n; j++) emit_store(e, emit_compressed(e, all[j], on), place_in(e, s, j, count), 4);
     return LL(BuildAdd)(e->b, count, emit_intrinsic(e, "llvm.ctpop", e->t_i32, &bits, 1), "");
 }
 
@@ -215,6 +229,25 @@ static Part from_lanes(Emit *e, const Part *v, IrType type, Part lane) {
     return type == TY_BOOL ? LL(BuildTrunc)(e->b, x, own, "") : LL(BuildBitCast)(e->b, x, own, "");
 }
 
+/* Of a value in memory. */
+static Part from_row(Emit *e, Part row, IrType type, Part lane) {
+    LLVMTypeRef t = type == TY_BOOL ? e->t_i32 : emit_scalar_type(e, type);
+    Part x = emit_gather(e, t, emit_gep(e, t, row, lane), type == TY_FLT ? e->plan.flt_bytes : 4);
+    return type == TY_BOOL ? LL(BuildTrunc)(e->b, x, emit_vector_type(e, e->t_i1), "") : x;
+}
+
+static void put_row(Emit *e, Spread *s, uint32_t i) {
+    const IrType type = (IrType)s->read[i]->type;
+    const unsigned bytes = type == TY_FLT ? e->plan.flt_bytes : 4;
+    LLVMTypeRef t = type == TY_BOOL ? e->t_i32 : emit_scalar_type(e, type);
+    Part v[BACK_MAX_PARTS];
+    emit_parts(e, s->read[i], v);
+    s->row[i] = emit_alloca(e, LL(ArrayType2)(t, e->W), 1, 64);
+    for (uint32_t p = 0; p < e->P; p++)
+        emit_store(e, type == TY_BOOL ? LL(BuildZExt)(e->b, v[p], emit_vector_type(e, t), "") : v[p],
+                   emit_at_byte(e, s->row[i], (uint64_t)p * e->L * bytes), bytes);
+}
+
 /* The body, for the items from `at` on: one part of them, as most lists are short. */
 static void emit_items(Emit *e, const Spread *s, Part at, Part count) {
     Part *outer = e->mask, here = LL(BuildICmp)(e->b, LLVMIntULT, counting_from(e, at), emit_splat(e, count), "");
@@ -226,7 +259,9 @@ static void emit_items(Emit *e, const Spread *s, Part at, Part count) {
     Part lane = LL(BuildAnd)(e->b, item, integers(e, (1u << s->lane_bits) - 1), "");
     for (uint32_t i = 0; i < s->nread; i++) {
         emit_parts(e, s->read[i], kept[i]);
-        emit_slot(e, s->read[i])[0] = from_lanes(e, kept[i], (IrType)s->read[i]->type, lane);
+        const IrType type = (IrType)s->read[i]->type;
+        emit_slot(e, s->read[i])[0] =
+            picks(e) ? from_lanes(e, kept[i], type, lane) : from_row(e, s->row[i], type, lane);
     }
     if (s->k) {
         s->k->flags |= BACK_VARYING;
@@ -244,7 +279,8 @@ static void emit_items(Emit *e, const Spread *s, Part at, Part count) {
 }
 
 /* All that are listed, and then on to `done`. */
-static void run_all(Emit *e, const Spread *s, Part count, LLVMBasicBlockRef done) {
+static void run_all(Emit *e, Spread *s, Part count, LLVMBasicBlockRef done) {
+    for (uint32_t i = 0; i < s->nread && !picks(e); i++) put_row(e, s, i);
     LLVMBasicBlockRef from = emit_here(e), head = emit_new_block(e, "items"), some = emit_new_block(e, "some");
     LL(BuildBr)(e->b, head);
     emit_at(e, head);
@@ -264,7 +300,7 @@ static Part list_of(Emit *e, IrType type, uint32_t items) {
 
 bool emit_spread(Emit *e, Inst *loop) {
     Spread s;
-    if (!compresses(e) || !counts(e, loop, &s)) return false;
+    if (!e->told || e->L < 4 || !counts(e, loop, &s)) return false;
     s.list = list_of(e, TY_INT, e->W * s.most);
     Part count = list_all(e, &s);
     LLVMBasicBlockRef done = emit_new_block(e, "spread_out");
@@ -275,7 +311,7 @@ bool emit_spread(Emit *e, Inst *loop) {
 
 bool emit_spread_frames(Emit *e, Inst *loop) {
     Spread s;
-    if (e->spread || !compresses(e) || !pops(e, loop, &s)) return false;
+    if (!e->told || e->L < 4 || e->spread || !pops(e, loop, &s)) return false;
     s.list = list_of(e, TY_INT, e->W * FRAMES);
     for (uint32_t j = 0; j < s.body->nparams; j++)
         s.value[j] = list_of(e, (IrType)s.body->params[j]->type, e->W * FRAMES);
