@@ -113,13 +113,13 @@ static uint64_t image_index(const Interior *p, const TileRect *t, uint32_t pixel
 
 /* ---- value */
 /* One sample in the middle of each pixel, without random numbers: nothing to draw, nothing to add up. Fills up to BATCH
- * lanes with whole rows of rectangles, which are no longer than that, from `t` and `row` on; at[] is where in the image
+ * lanes with whole rows of rectangles, which are no longer than that, from `t` and `row` on; at[] is where in an image
  * they begin. */
 typedef struct Rows {
     const TileRect *t, *end;
     uint32_t row, n;
     struct {
-        float *to;
+        uint64_t pixel;
         uint32_t n;
     } at[BATCH];
     /* what grid_middle is to fill.h */
@@ -127,20 +127,44 @@ typedef struct Rows {
     int32_t cell[BATCH + FILL_OVER];
 } Rows;
 
+/* Sets all but what fill_rows sets. */
+static void begin_rows(Rows *k, const TileRect *t, uint32_t rects) {
+    uint32_t widest = 0;
+    k->t = t, k->end = t + rects, k->row = 0;
+    for (uint32_t r = 0; r < rects; r++) widest = t[r].n[0] > widest ? t[r].n[0] : widest;
+    assert(widest <= BATCH);
+    for (uint32_t i = 0; i < widest + FILL_OVER; i++) k->start[i] = 1ull << 63;
+}
+
+/* Across a row of a rectangle. What the row below has is copied: a column has many short ones. */
+static void fill_across(const Grid *g, Batch *b, Rows *k, const TileRect *t, uint32_t lanes, bool again) {
+    const uint32_t n = t->n[0];
+    if (again) {
+        enum { BYTES = 2 * FILL_OVER }; /* short enough for FILL_OVER numbers, long enough for a column */
+        const size_t size = n * (b->f64 ? sizeof(double) : sizeof(float));
+        unsigned char *x = batch_row(b, SLT_IN_X0, lanes);
+        for (size_t i = 0; i < size; i += BYTES) memcpy(x + i, x + i - size, BYTES);
+    } else {
+        const FillAxis across = {.lo = g->lo[0], .side = g->side[0], .f64 = b->f64};
+        for (uint32_t i = 0; i < n; i++) k->cell[i] = (int32_t)(t->lo[0] + i);
+        b->fill->place(&across, n, NULL, k->start, k->cell, batch_row(b, SLT_IN_X0, lanes));
+    }
+    if (batch_wants(b, SLT_IN_PIXEL0)) memcpy(batch_row_int(b, SLT_IN_PIXEL0, lanes), k->cell, n * sizeof *k->cell);
+}
+
 static uint32_t fill_rows(const Interior *p, Batch *b, Rows *k) {
     const Grid *g = &p->run->grid;
-    const FillAxis across = {.lo = g->lo[0], .side = g->side[0], .f64 = b->f64};
     uint32_t lanes = 0;
+    const TileRect *last = NULL;
     for (k->n = 0; k->t < k->end && lanes + k->t->n[0] <= BATCH; k->n++) {
         const TileRect *t = k->t;
-        uint32_t y = t->lo[1] + k->row % t->n[1], z = t->lo[2] + k->row / t->n[1];
-        const double middle[3] = {0, grid_middle(g, 1, y), grid_middle(g, 2, z)};
-        k->at[k->n].to = p->image + grid_index(g, t->lo[0], y, z) * p->run->s->channels, k->at[k->n].n = t->n[0];
-        for (uint32_t i = 0; i < t->n[0]; i++) k->cell[i] = (int32_t)(t->lo[0] + i);
-        b->fill->place(&across, t->n[0], NULL, k->start, k->cell, batch_row(b, SLT_IN_X0, lanes));
+        const uint32_t deep = t->n[2] > 1 ? k->row / t->n[1] : 0, y = t->lo[1] + k->row - deep * t->n[1],
+                       z = t->lo[2] + deep;
+        const double middle[3] = {0, grid_middle(g, 1, y), g->dim > 2 ? grid_middle(g, 2, z) : 0};
+        k->at[k->n].pixel = grid_index(g, t->lo[0], y, z), k->at[k->n].n = t->n[0];
+        fill_across(g, b, k, t, lanes, t == last);
+        last = t;
         for (uint32_t d = 1; d < g->dim; d++) batch_set_all(b, SLT_IN_X0 + d, lanes, t->n[0], middle[d]);
-        if (batch_wants(b, SLT_IN_PIXEL0))
-            memcpy(batch_row_int(b, SLT_IN_PIXEL0, lanes), k->cell, t->n[0] * sizeof *k->cell);
         if (batch_wants(b, SLT_IN_PIXEL1))
             for (uint32_t i = 0; i < t->n[0]; i++)
                 batch_set_int(b, SLT_IN_PIXEL1, lanes + i, (int32_t)(g->n[1] - 1 - y));
@@ -149,6 +173,8 @@ static uint32_t fill_rows(const Interior *p, Batch *b, Rows *k) {
     }
     return lanes;
 }
+
+static bool only_middles(const Interior *p) { return p->run->j->centred && !p->run->s->uses_rand; }
 
 static void put_row(float *to, uint32_t channels, const double *f, uint32_t n) {
     for (uint32_t x = 0; x < n; x++) to[x * channels] = (float)f[x];
@@ -163,19 +189,18 @@ static void put_row_f32(float *to, uint32_t channels, const float *f, uint32_t n
 
 static void middle_samples(const Interior *p, Worker *w, SltKernelKind kernel, const TileRect *t, uint32_t rects) {
     Batch *b = &w->batch;
-    uint32_t channels = p->run->s->channels, widest = 0, n;
+    uint32_t channels = p->run->s->channels, n;
     Rows k; /* `at` is long, and fill_rows sets it */
-    k.t = t, k.end = t + rects, k.row = 0;
-    for (uint32_t r = 0; r < rects; r++) widest = t[r].n[0] > widest ? t[r].n[0] : widest;
-    assert(widest <= BATCH);
-    for (uint32_t i = 0; i < widest + FILL_OVER; i++) k.start[i] = 1ull << 63;
+    begin_rows(&k, t, rects);
     while ((n = fill_rows(p, b, &k))) {
         batch_call(b, kernel, n);
         for (uint32_t c = 0; c < channels; c++) {
             const void *f = batch_out(b, SLT_OUT_F, c);
-            for (uint32_t r = 0, i = 0; r < k.n; i += k.at[r++].n)
-                if (b->f64) put_row(k.at[r].to + c, channels, (const double *)f + i, k.at[r].n);
-                else put_row_f32(k.at[r].to + c, channels, (const float *)f + i, k.at[r].n);
+            for (uint32_t r = 0, i = 0; r < k.n; i += k.at[r++].n) {
+                float *to = p->image + k.at[r].pixel * channels + c;
+                if (b->f64) put_row(to, channels, (const double *)f + i, k.at[r].n);
+                else put_row_f32(to, channels, (const float *)f + i, k.at[r].n);
+            }
         }
     }
 }
@@ -195,7 +220,7 @@ static bool value_samples(Interior *p, Worker *w, SltKernelKind kernel, const Ti
     Batch *b = &w->batch;
     uint32_t channels = p->run->s->channels, n;
     uint64_t pixels = 0;
-    if (p->run->j->centred && !p->run->s->uses_rand) {
+    if (only_middles(p)) {
         middle_samples(p, w, kernel, t, rects);
         return true;
     }
@@ -332,9 +357,52 @@ static void set_seeds(const Walk *k, Batch *b, uint32_t c, double part) {
     if (!k->single) b->fill->spread(k->runs, k->count, value, 0, seed);
 }
 
+/* Are all pixels asked for? Then the walk makes batches of whole rows, if these fit in. */
+static bool asks_for_rows(const Interior *p, const TileRect *t) {
+    const Grid *g = &p->run->grid;
+    const uint32_t channels = p->run->s->channels, n = t->n[0] * channels;
+    uint32_t zeros = 0;
+    if (!only_middles(p) || p->classes > 1 || (t->pixels > BATCH && BATCH % t->n[0])) return false;
+    for (uint32_t z = 0; z < t->n[2] && !zeros; z++) {
+        uint64_t at = grid_index(g, t->lo[0], t->lo[1], t->lo[2] + z) * channels;
+        /* Rows go up, and each of a column is a line of memory of its own: nothing is decided before all are on their
+         * way. */
+        for (uint32_t y = 0; y < t->n[1]; y++, at -= (uint64_t)g->n[0] * channels)
+            for (uint32_t i = 0; i < n; i++) zeros |= p->adjoint[at + i] == 0;
+    }
+    return !zeros;
+}
+
+static void seed_row(void *seed, bool f64, const float *adjoint, uint32_t channels, uint32_t n, double part) {
+    if (f64)
+        for (uint32_t x = 0; x < n; x++) ((double *)seed)[x] = part * (double)adjoint[x * channels];
+    else if (channels == 1)
+        for (uint32_t x = 0; x < n; x++) ((float *)seed)[x] = (float)(part * (double)adjoint[x]);
+    else
+        for (uint32_t x = 0; x < n; x++) ((float *)seed)[x] = (float)(part * (double)adjoint[x * channels]);
+}
+
+static void reverse_middles(const Interior *p, Worker *w, const TileRect *t, double part, uint32_t half) {
+    Batch *b = &w->batch;
+    const uint32_t channels = p->run->s->channels;
+    uint32_t n;
+    Rows k;
+    for (begin_rows(&k, t, 1); (n = fill_rows(p, b, &k));) {
+        for (uint32_t c = 0; c < channels; c++)
+            for (uint32_t r = 0, i = 0; r < k.n; i += k.at[r++].n)
+                seed_row(batch_row(b, SLT_IN_SEED0 + c, i), b->f64, p->adjoint + k.at[r].pixel * channels + c, channels,
+                         k.at[r].n, part);
+        accum_call(&w->acc, b, SLT_K_VJP, n, p->parts_of.pairs ? half : 0);
+    }
+}
+
 static void reverse_samples(const Interior *p, Worker *w, const TileRect *t, double factor, uint32_t half) {
     Batch *b = &w->batch;
     uint32_t channels = p->run->s->channels, n;
+    if (asks_for_rows(p, t)) {
+        reverse_middles(p, w, t, factor / p->count, half);
+        return;
+    }
     for (uint32_t cls = 0; cls < p->classes; cls++) {
         Walk k;
         for (walk_begin(&k, p, t, 1, cls); (n = walk_fill(&k, b));) {
@@ -401,13 +469,24 @@ static void reverse_merge(void *user, uint32_t worker, uint64_t tile) {
     plain_merge(user, worker, tile);
 }
 
+/* Parameters by which goes what a tile costs besides its samples. Vertices have the log, a short one lies in a cache.
+ */
+static uint32_t summed(const Run *r) {
+    const SltScene *s = r->s;
+    if (!s->dense || !in_columns(r)) return s->nfloats;
+    uint32_t n = 0;
+    for (uint32_t p = 0; p < s->nfloats; p++) n += s->dense[p];
+    return n;
+}
+
 SltStatus interior_reverse(Run *r, const float *const adjoint[2], uint32_t classes, double *const *targets,
                            Parts *parts, PartsOf of, const PixelLoss *loss) {
     if (!r->s->kernel[SLT_K_VJP]) return SLT_OK;
     Interior p = {
         .adjoint = adjoint[0], .loss = loss, .classes = classes, .targets = targets, .parts = parts, .parts_of = of};
     if (adjoint[0] != adjoint[1]) p.halves[0] = adjoint[0], p.halves[1] = adjoint[1];
-    plan(&p, r, 0, tile_side(r, r->s->nfloats > 1u << 14 && !r->s->ncull ? 64 : 32));
+    const bool many = summed(r) > 1u << 14 && !r->s->ncull;
+    plan(&p, r, 0, tile_side(r, many ? 64 : 32));
     SltStatus st = run_workers(r, p.ntiles, of.pairs ? 2 * of.pairs : classes, SINK_KEEP);
     if (st == SLT_OK) st = run_tiles(r, p.ntiles, reverse_work, reverse_merge, &p);
     run_free_workers(r);

@@ -1,7 +1,9 @@
 /* Visible pieces, a beam a pixel, on one thread: the search alone, with sides, in kernels, with the gradient in all
- * vertices, with what a point light sees of them; beside our rays. Processor time, the least of a few rounds.
+ * vertices, with what a point light sees of them; beside a ray a pixel, ours and Embree's (embree.c), whose best is
+ * the unit. Processor time, the least of a few rounds.
  *
  *     bench-pieces FILE.obj [SUBDIVISIONS [SIZE]]         a pixel each
+ *     bench-pieces FILE.obj SUBDIVISIONS SIZE q.area      kernels of this term alone
  *     bench-pieces FILE.obj SUBDIVISIONS 1                all of the mesh in one beam */
 #include <math.h>
 #include <stdio.h>
@@ -9,6 +11,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "rays.h"
 #include "runtime/geometry/geometry.h"
 #include "runtime/mesh/mesh.h"
 #include "saltus/mesh.h"
@@ -182,6 +185,55 @@ static Count ask(const SltGeometry *g, const Model *m, const View *view, SltQuer
     return best;
 }
 
+/* Embree's rays through the middles of the same pixels, in squares, which its packets like best. */
+typedef struct Theirs {
+    EmbreeScene *scene; /* NULL: it was not there when this was built, or there is one pixel */
+    Rays rays;
+    const char *name; /* of the best call */
+    double seconds;
+} Theirs;
+
+static Theirs theirs_made(const Model *m, const View *view) {
+    Theirs t = {.seconds = HUGE_VAL};
+    double seconds;
+    size_t bytes;
+    if (view->size < LANES) return t;
+    const EmbreeSource from = {.vertex = m->at,
+                               .face = (const uint32_t *)m->face,
+                               .nvertices = m->nvertices,
+                               .nfaces = m->nfaces,
+                               .robust = true};
+    t.scene = embree_scene_make(&from, &seconds, &bytes);
+    t.rays.count = t.scene ? view->size * view->size : 0;
+    if (!t.scene) return t;
+    t.rays.ray = or_die(malloc(t.rays.count * sizeof *t.rays.ray));
+    for (uint32_t k = 0; k < t.rays.count; k++) {
+        uint32_t x, y;
+        float row[SLT_BEAM_ROWS];
+        rays_pixel(k, view->size, &x, &y);
+        set_rows(view, SLT_QUERY_TRACE, x, y, 1, row);
+        t.rays.ray[k] = (Ray){{row[0], row[1], row[2]}, {row[3], row[4], row[5]}, 0, HUGE_VALF};
+    }
+    embree_prepare(t.scene, &t.rays);
+    return t;
+}
+
+static void theirs_run(Theirs *t) {
+    for (int round = 0; t->scene && round < ROUNDS; round++)
+        for (int call = EMBREE_INT1; call <= EMBREE_INT16; call++)
+            for (int coherent = 0; coherent < 2; coherent++) {
+                const double start = now();
+                embree_run(t->scene, (EmbreeCall)call, coherent);
+                const double seconds = now() - start;
+                if (seconds < t->seconds) t->seconds = seconds, t->name = embree_call_names[call];
+            }
+}
+
+static void theirs_free(Theirs *t) {
+    if (t->scene) embree_scene_free(t->scene);
+    rays_free(&t->rays);
+}
+
 static void write_obj(const Model *m, const char *path) {
     FILE *f = or_die(fopen(path, "w"));
     for (uint32_t i = 0; i < m->nvertices; i++)
@@ -259,15 +311,21 @@ int main(int argc, char **argv) {
     } row[] = {{SLT_QUERY_TRACE, "rays"}, {SLT_QUERY_SEEN, "pieces"}, {SLT_QUERY_PIECES, "pieces and sides"}};
     printf("%u triangles, %u x %u\n", m.nfaces, view.size, view.size);
     const double pixels = (double)view.size * view.size;
+    Count count[3];
+    Theirs theirs = theirs_made(&m, &view);
+    for (int k = 0; k < 3; k++) theirs_run(&theirs), count[k] = ask(g, &m, &view, row[k].what);
+    if (theirs.scene) printf("  rays of Embree %24.1f ns a pixel, %s\n", 1e9 * theirs.seconds / pixels, theirs.name);
     for (int k = 0; k < 3; k++) {
-        Count c = ask(g, &m, &view, row[k].what);
+        const Count c = count[k];
         printf("  %-16s %22.1f ns a pixel, %.1f %% covered, %.2f pieces a pixel", row[k].name, 1e9 * c.seconds / pixels,
                100 * c.covered / pixels, (double)c.pieces / pixels);
+        if (theirs.scene) printf(", %.2f Embree rays", c.seconds / theirs.seconds);
         if (view.size == 1) printf(", %.3f us a triangle", 1e6 * c.seconds / m.nfaces);
         printf("\n");
     }
-    geometry_free(g);
-    if (view.size > 1) time_kernels(&m, &view, "q.area"), time_kernels(&m, &view, "m.lit(q, light)");
+    geometry_free(g), theirs_free(&theirs);
+    if (argc > 4) time_kernels(&m, &view, argv[4]);
+    else if (view.size > 1) time_kernels(&m, &view, "q.area"), time_kernels(&m, &view, "m.lit(q, light)");
     free(m.at), free(m.face);
     return 0;
 }

@@ -25,6 +25,7 @@ static const char everything[] =
 static const char fixed_beam[] = "b.eye = eye; b.corner = corner; b.u = u; b.v = v;";
 static const char beam_by_pixel[] =
     "b.eye = eye; b.corner = corner + x.x * u + x.y * v; b.u = u / 24.0; b.v = v / 24.0;";
+static const char wide_beam[] = "b.eye = eye; b.corner = corner + 0.3 * (x.x * u + x.y * v); b.u = u; b.v = v;";
 
 static void write_mesh(const Scene *s, char path[32]) {
     snprintf(path, 32, "pieces-%ld.obj", (long)getpid());
@@ -278,7 +279,8 @@ static void test_same_bits(void **state) {
     }
 }
 
-/* In the vertices alone, sides of all lanes run together, and lanes that see one triangle are added up. */
+/* In the vertices alone, pieces of all lanes run together, of many those that come next, and so do their sides; and
+ * those side by side that see one triangle are added up. */
 static void test_widths(void **state) {
     (void)state;
     uint64_t seed = 15;
@@ -286,14 +288,15 @@ static void test_widths(void **state) {
     s = (Scene){0};
     scene_soup(&s, 40, 0.9, &seed);
     scene_beam(&s, 3, -1, 2);
-    for (int f64 = 0; f64 < 2; f64++) {
+    for (int of = 0; of < 4; of++) {
+        const bool f64 = of & 1, many = of & 2;
         static float image[SIZE * SIZE];
         static double gradient[2][MOST_FLOATS];
         static const uint32_t width[] = {16, 1, 4, 8, 16, 32, 64};
         for (uint32_t k = 0; k < 7; k++) {
             SltOptions opt = precision(f64);
             opt.width = width[k], opt.interpret = k == 0;
-            SltProgram *p = compile(&s, beam_by_pixel, everything, &opt);
+            SltProgram *p = compile(&s, many ? wide_beam : beam_by_pixel, everything, &opt);
             SltError err = {0};
             if (slt_wrt(p, (const char *[]){"m"}, 1, &err) != SLT_OK) fail_msg("%s", err.text);
             image_and_gradient(p, 1, image, gradient[k > 0]);

@@ -380,7 +380,9 @@ static void emit_special(Emit *e, Inst *i) {
     case OP_loop:
         if (!emit_spread(e, i)) emit_control(e, i);
         break;
-    case OP_revloop: emit_revloop(e, i); break;
+    case OP_revloop:
+        if (!emit_spread_frames(e, i)) emit_revloop(e, i);
+        break;
     case OP_rand:
     case OP_window:
     case OP_ghost:

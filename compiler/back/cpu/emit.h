@@ -129,8 +129,9 @@ Part emit_compressed(Emit *e, Part v, Part mask); /* the lanes that are on, in f
  * what is behind the index, `readable` numbers can be read. */
 bool emit_beside(Emit *e, Inst *i, Part base, const Part *index, uint64_t readable);
 
-/* ---- emit_spread.c: a loop over items of all lanes; false: the loop is another */
+/* ---- emit_spread.c: a loop over items of all lanes, one over frames; false: the loop is another */
 bool emit_spread(Emit *e, Inst *loop);
+bool emit_spread_frames(Emit *e, Inst *loop);
 
 /* ---- emit_array.c: local arrays */
 void emit_alloc(Emit *e, Inst *i);
@@ -141,6 +142,7 @@ void emit_array_copy(Emit *e, Inst *i);
 /* ---- emit_tape.c: frames of reverse mode */
 void emit_tapepush(Emit *e, Inst *i);
 void emit_revloop(Emit *e, Inst *i);
+void emit_load_bits(Emit *e, Part *bits, Part at); /* a mask of a frame */
 
 /* ---- emit_pixels.c: 8-bit pixels */
 bool emit_packs_pixels(const Emit *e, const Inst *yield); /* BackOptions.pixels, and the outputs are f alone */

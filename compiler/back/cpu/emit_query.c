@@ -31,7 +31,9 @@ void emit_setup_told(Emit *e, const Inst *i) {
     find_told(e, geometry_of(e, i));
 }
 
-/* A number of a unit in each lane. Where it does not count, the unit may be any number. */
+/* A number of a unit in each lane. Where it does not count, the unit may be any number, and unit 0 is read, of which
+ * all is 0: others have integers where sides have floats, and these are denormal, which costs some processors more than
+ * all that is computed of them. */
 void emit_told(Emit *e, Inst *i) {
     const bool whole = i->type == TY_INT, vector = emit_is_vector(e, i);
     const uint32_t stride = e->plan.flt_bytes / (whole ? 4 : e->plan.flt_bytes); /* integers lie where numbers do */
@@ -44,7 +46,8 @@ void emit_told(Emit *e, Inst *i) {
     if (vector) emit_parts(e, i->args[0], unit), last = emit_splat(e, last);
     else unit[0] = emit_scalar(e, i->args[0]);
     for (uint32_t p = 0; p < (vector ? e->P : 1); p++) {
-        Part both[2] = {unit[p], last};
+        Part both[2] = {unit[p], last}, none = LL(ConstNull)(LL(TypeOf)(last));
+        if (vector && e->mask) both[0] = LL(BuildSelect)(e->b, e->mask[p], unit[p], none, "");
         unit[p] = emit_intrinsic(e, "llvm.umin", LL(TypeOf)(last), both, 2);
         unit[p] = LL(BuildMul)(e->b, unit[p], emit_const_like(e, LL(TypeOf)(last), e->t_i32, 0, SLT_TOLD, false), "");
     }

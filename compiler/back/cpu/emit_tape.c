@@ -12,7 +12,7 @@ static void store_bits(Emit *e, const Part *bits, Part at) {
     }
 }
 
-static void load_bits(Emit *e, Part *bits, Part at) {
+void emit_load_bits(Emit *e, Part *bits, Part at) {
     LLVMTypeRef t = LL(IntTypeInContext)(e->ctx, e->L), v = emit_vector_type(e, e->t_i1);
     for (uint32_t p = 0; p < e->P; p++) {
         Part x = emit_load(e, e->L < 8 ? e->t_i8 : t, emit_at_byte(e, at, (uint64_t)p * (e->L < 8 ? 1 : e->L / 8)), 1,
@@ -75,7 +75,7 @@ static void pop_frame(Emit *e, const FrameClass *c, Block *body, Part frame) {
             continue;
         }
         if (x->type == TY_BOOL) {
-            load_bits(e, out, at);
+            emit_load_bits(e, out, at);
             continue;
         }
         unsigned bytes = back_type_bytes(&e->plan, x->type),
@@ -120,7 +120,7 @@ void emit_revloop(Emit *e, Inst *i) {
     pop_frame(e, c, body, frame);
     Part *outer = e->mask, *mask = ARENA_ARRAY(e->arena, Part, e->P);
     if (c->masked) {
-        load_bits(e, mask, emit_at_byte(e, frame, c->mask_offset));
+        emit_load_bits(e, mask, emit_at_byte(e, frame, c->mask_offset));
         emit_and_mask(e, mask, mask);
         e->mask = mask;
     }

@@ -63,9 +63,46 @@ INLINE void run_of(uint32_t kept, uint32_t n, uint32_t *first, uint32_t *last) {
     *last = next ? next - 1 : n - 1;
 }
 
+#if defined(__AVX512F__)
+/* rest_of of few corners, without decisions. They are written as vectors: what follows reads them so, at once. */
+INLINE void rest_of_few(const Polygon *p, const double d[CORNERS], uint32_t off, uint32_t side, Polygon *to) {
+    const uint32_t n = p->n;
+    uint32_t first, last;
+    run_of(((1u << n) - 1) & ~off, n, &first, &last);
+    const Passing before = passing(p, d, first ? first - 1 : n - 1, first),
+                  behind = passing(p, d, last, last + 1 < n ? last + 1 : 0);
+    const uint32_t begins = d[first] != 0, ends = d[last] != 0,
+                   count = (last < first ? last + n : last) - first + 1 + begins + ends;
+    /* Corner by corner from the one before the first, if what lies there is kept. */
+    __m512i from =
+        _mm512_add_epi64(_mm512_set_epi64(7, 6, 5, 4, 3, 2, 1, 0), _mm512_set1_epi64((int64_t)first - (int64_t)begins));
+    const __m512i all = _mm512_set1_epi64(n);
+    from = _mm512_mask_add_epi64(from, _mm512_movepi64_mask(from), from, all);
+    from = _mm512_mask_sub_epi64(from, _mm512_cmpge_epi64_mask(from, all), from, all);
+    const __mmask8 at_last = (__mmask8)(1u << (count - 1)), new_last = ends ? at_last : 0, new_first = (__mmask8)begins;
+    __m512d s = _mm512_permutexvar_pd(from, _mm512_loadu_pd(p->s)),
+            t = _mm512_permutexvar_pd(from, _mm512_loadu_pd(p->t));
+    s = _mm512_mask_mov_pd(s, new_first, _mm512_set1_pd(before.s));
+    t = _mm512_mask_mov_pd(t, new_first, _mm512_set1_pd(before.t));
+    s = _mm512_mask_mov_pd(s, new_last, _mm512_set1_pd(behind.s));
+    t = _mm512_mask_mov_pd(t, new_last, _mm512_set1_pd(behind.t));
+    const __m256i sides =
+        _mm256_permutexvar_epi32(_mm512_cvtepi64_epi32(from), _mm256_loadu_si256((const __m256i *)p->side));
+    to->n = count, to->facet = p->facet, to->least = p->least;
+    _mm512_storeu_pd(to->s, s), _mm512_storeu_pd(to->t, t);
+    _mm256_storeu_si256((__m256i *)to->side, _mm256_mask_mov_epi32(sides, at_last, _mm256_set1_epi32((int32_t)side)));
+}
+#endif
+
 /* What a line leaves of p, less the corners `off`, of which there are some but not all. */
 INLINE void rest_of(const Polygon *p, const double d[CORNERS], uint32_t off, uint32_t side, Polygon *to) {
     uint32_t first, last;
+#if defined(__AVX512F__)
+    if (p->n < 8) {
+        rest_of_few(p, d, off, side, to);
+        return;
+    }
+#endif
     Passing before = {0}, behind = {0};
     run_of(((1u << p->n) - 1) & ~off, p->n, &first, &last);
     if (d[first] != 0) before = passing(p, d, first ? first - 1 : p->n - 1, first);
@@ -290,8 +327,8 @@ static bool take_out(Store *store, uint32_t which, uint32_t number) {
 }
 
 /* What is seen of a facet and of one in the row, whose polygon is live[which]: what is hidden of either is taken out.
- * `row`: from where on the facet's own are. False: they cross, or out of memory. */
-static bool part_two(Store *store, uint32_t row, uint32_t which, uint32_t number) {
+ * `row`: from where on the facet's own are; less_left: of these something is. False: they cross, or out of memory. */
+static bool part_two(Store *store, uint32_t row, uint32_t which, uint32_t number, bool *less_left) {
     const Facet *f = &store->facet.data[number];
     const Polygon *other = &store->piece.data[store->live.data[which]];
     const uint32_t its = (uint32_t)other->facet;
@@ -309,6 +346,7 @@ static bool part_two(Store *store, uint32_t row, uint32_t which, uint32_t number
         if (front && behind) return false;
     }
     if (front) return take_out(store, which, number);
+    *less_left = true;
     for (uint32_t j = row, end = store->live.n; j < end; j++) {
         const Polygon *rest = &store->piece.data[store->live.data[j]];
         if (rest->n && rest->facet == (int32_t)number && !take_out(store, j, its)) return false;
@@ -338,8 +376,9 @@ static bool part_from_row(Store *store, uint32_t number) {
                         upto(*(const Wide *)e->lo[1], hi[1]) & upto(lo[1], *(const Wide *)e->hi[1]);
         if (row - k < 8) near &= (1u << (row - k)) - 1;
         for (; near; near &= near - 1) {
-            if (!part_two(store, row, k + (uint32_t)__builtin_ctz(near), number)) return false;
-            if (!is_seen(store, row, number)) return true;
+            bool less_left = false;
+            if (!part_two(store, row, k + (uint32_t)__builtin_ctz(near), number, &less_left)) return false;
+            if (less_left && !is_seen(store, row, number)) return true;
         }
     }
     return true;

@@ -256,6 +256,8 @@ static void add_near(Search *s, const Window *w, Waiting *from) {
         }
         to->nearest = box->nearest[n % 8] = from->nearest[i];
         to->triangle = from->triangle[i], to->turned = turned >> i & 1;
+        memcpy(to->corner, s->scene->tree.bvh->face + 3 * (size_t)to->triangle, sizeof to->corner);
+        for (int k = 0; k < 3; k++) to->edge[k] = window_edge(to->corner[k], to->corner[(k + 1) % 3]);
         for (int a = 0; a < 2; a++) box->lo[a][n % 8] = from->lo[a][i], box->hi[a][n % 8] = from->hi[a][i];
     }
     from->n = 0;
@@ -280,6 +282,7 @@ static void add_leaf(Search *s, const Window *w, const Rectangle *r, uint32_t le
     for (; in; in &= in - 1) {
         const uint32_t i = (uint32_t)__builtin_ctz(in), n = to->n;
         if (triangle[i] < 0) continue;
+        __builtin_prefetch(b->face + 3 * (size_t)triangle[i]);
         for (int k = 0; k < 3; k++)
             for (int a = 0; a < 3; a++) to->at[k][a][n] = at[k][a].at[i];
         for (int a = 0; a < 2; a++) to->lo[a][n] = where[a].at[i], to->hi[a][n] = where[2 + a].at[i];
@@ -421,10 +424,10 @@ INLINE void add_candidates(Search *s, Neighbours *group, uint32_t k, uint32_t i)
 
 /* Puts what the windows `who` of the row from lane k on have met of a triangle among their candidates, each nearest
  * first, and behind the *n parts that are measured later. */
-INLINE void add_pairs(Store *store, const int32_t *face, Neighbours *group, const Row *row, const Found *f, uint32_t k,
-                      uint32_t who, bool alike, uint32_t *n) {
+INLINE void add_pairs(Store *store, Neighbours *group, const Row *row, const Found *f, uint32_t k, uint32_t who,
+                      bool alike, uint32_t *n) {
     const Near *near = &store->near.data[f->near];
-    __builtin_prefetch(face + 3 * (size_t)near->triangle);
+    __builtin_prefetch(near->edge);
     add_parts(store, near, f, row->u, row->v, who, alike, *n);
     for (; who; who &= who - 1, ++*n) {
         const uint32_t i = (uint32_t)__builtin_ctz(who), lane = k + i;
@@ -577,7 +580,7 @@ static void survey(Search *s, const Beams *b, const Places *lie, Neighbours *gro
                 store->met.data[i] & open & ~facing[!f->turned] & ~less(*(const Wide *)f->most, row.hidden);
             if (!met) continue;
             if (parts - store->lines.measured + 8 > LINES && !measure_sheets(s, &parts)) return;
-            add_pairs(store, s->scene->tree.bvh->face, group, &row, f, k, met, group->alike, &parts);
+            add_pairs(store, group, &row, f, k, met, group->alike, &parts);
         }
         for (uint32_t left = open; left; left &= left - 1) {
             const uint32_t lane = k + (uint32_t)__builtin_ctz(left);

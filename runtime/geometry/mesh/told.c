@@ -132,19 +132,31 @@ static void put_int(const Search *s, uint32_t unit, uint32_t which, int32_t v) {
     memcpy(place(s, unit, which), &v, sizeof v);
 }
 
-static inline __attribute__((always_inline)) void put_side_as(const Search *s, uint32_t unit, int32_t a, int32_t b,
-                                                              double weight, const double at[4], bool f64) {
-    const Search as = {.store = s->store, .f64 = f64};
-    put_int(&as, unit, SLT_SIDE_A, a), put_int(&as, unit, SLT_SIDE_B, b);
-    put(&as, unit, SLT_SIDE_WEIGHT, weight);
-    for (uint32_t k = 0; k < 4; k++) put(&as, unit, SLT_SIDE_S0 + k, at[k]);
+typedef double Two __attribute__((vector_size(16)));
+typedef float TwoNarrow __attribute__((vector_size(8)));
+static inline void put_narrow(unsigned char *to, Two v) {
+    const TwoNarrow narrow = __builtin_convertvector(v, TwoNarrow);
+    memcpy(to, &narrow, sizeof narrow);
 }
 
 /* A side, whose numbers are those from SLT_SIDE_WEIGHT on, weight and ends. */
-static void put_side(const Search *s, uint32_t unit, int32_t a, int32_t b, double weight, const double at[4]) {
-    if (s->f64) put_side_as(s, unit, a, b, weight, at, true);
-    else put_side_as(s, unit, a, b, weight, at, false);
+static inline __attribute__((always_inline)) void put_side(const Search *s, uint32_t unit, int32_t a, int32_t b,
+                                                           double weight, double s0, double t0, double s1, double t1) {
+    const Search as = {.store = s->store, .f64 = s->f64};
+    unsigned char *to = place(&as, unit, 0);
+    if (s->f64) {
+        const double at[] = {weight, s0, t0, s1, t1};
+        put_int(&as, unit, SLT_SIDE_A, a), put_int(&as, unit, SLT_SIDE_B, b);
+        memcpy(to + SLT_SIDE_WEIGHT * sizeof(double), at, sizeof at);
+        return;
+    }
+    const Two x = {weight, s0}, y = {t0, s1}, z = {t1, 0};
+    const int32_t edge[2] = {a, b};
+    memcpy(to, edge, sizeof edge);
+    put_narrow(to + 2 * sizeof(float), x), put_narrow(to + 4 * sizeof(float), y);
+    put_narrow(to + 6 * sizeof(float), z);
 }
+_Static_assert(SLT_SIDE_WEIGHT == 2 && SLT_SIDE_T1 == 6 && SLT_TOLD == 8, "the last number of a side is free");
 
 uint32_t pieces_tell(bool f64, const double number[SLT_TOLD], uint32_t whole) {
     Store *store = told_store();
@@ -160,19 +172,26 @@ uint32_t pieces_tell(bool f64, const double number[SLT_TOLD], uint32_t whole) {
 }
 
 static inline __attribute__((always_inline)) void put_piece(const Search *s, uint32_t unit, double area, double at_s,
-                                                            double at_t, int32_t triangle, uint32_t sides, bool f64) {
-    const Search as = {.store = s->store, .f64 = f64};
-    put(&as, unit, SLT_PIECE_AREA, area);
-    put(&as, unit, SLT_PIECE_S, at_s), put(&as, unit, SLT_PIECE_T, at_t);
-    put_int(&as, unit, SLT_PIECE_NEXT, 0);
-    put_int(&as, unit, SLT_PIECE_TRIANGLE, triangle);
-    put_int(&as, unit, SLT_PIECE_SIDES, (int32_t)sides);
+                                                            double at_t, int32_t triangle, uint32_t sides) {
+    const Search as = {.store = s->store, .f64 = s->f64};
+    unsigned char *to = place(&as, unit, 0);
+    if (s->f64) {
+        const double at[] = {area, at_s, at_t};
+        memcpy(to, at, sizeof at);
+        put_int(&as, unit, SLT_PIECE_NEXT, 0);
+        put_int(&as, unit, SLT_PIECE_TRIANGLE, triangle), put_int(&as, unit, SLT_PIECE_SIDES, (int32_t)sides);
+        return;
+    }
+    const Two x = {area, at_s}, y = {at_t, 0};
+    const int32_t numbers[2] = {triangle, (int32_t)sides};
+    put_narrow(to, x), put_narrow(to + 2 * sizeof(float), y);
+    memcpy(to + 4 * sizeof(float), numbers, sizeof numbers);
 }
+_Static_assert(SLT_PIECE_T == 2 && SLT_PIECE_NEXT == 3 && SLT_PIECE_SIDES == 5, "no next one is a float, 0");
 
 static uint32_t tell(Search *s, int32_t triangle, double area, double at_s, double at_t, uint32_t sides) {
     const uint32_t unit = s->store->n;
-    if (s->f64) put_piece(s, unit, area, at_s, at_t, triangle, sides, true);
-    else put_piece(s, unit, area, at_s, at_t, triangle, sides, false);
+    put_piece(s, unit, area, at_s, at_t, triangle, sides);
     if (s->first) put_int(s, s->last, SLT_PIECE_NEXT, (int32_t)unit);
     else s->first = unit;
     s->last = unit;
@@ -245,32 +264,20 @@ void told_whole(Search *s, int32_t triangle) {
 
 /* ---- one sheet */
 
-/* A number of an edge, from its first corner to its second, for sums in which the other way is the same less. */
-static uint64_t number_of(int32_t a, int32_t b) {
-    const uint32_t low = (uint32_t)(a < b ? a : b), high = (uint32_t)(a < b ? b : a);
-    uint64_t n = ((uint64_t)low << 32 | high) * 0x9e3779b97f4a7c15u;
-    n = (n ^ n >> 32) * 0xd6e8feb86659fd93u;
-    return a < b ? n ^ n >> 32 : 0 - (n ^ n >> 32);
-}
-
-/* Corners of edge k so that g > 0 in the triangle. */
-static void edge_of(const Search *s, const Candidate *c, uint32_t k, int32_t edge[2]) {
-    const int32_t *corner = s->scene->tree.bvh->face + 3 * (size_t)c->triangle;
-    edge[c->turned] = corner[k], edge[!c->turned] = corner[k < 2 ? k + 1 : 0];
-}
-
+/* Sides that are not there are written as well, and over by what comes next: which are is hard to predict. */
 static void tell_part(Search *s, const Candidate *c) {
     const Parts *p = &s->store->parts.data[c->part / 8];
     const uint32_t i = c->part % 8;
     uint32_t sides = 0;
     if (!room_for_piece(s->store)) return;
-    for (uint32_t k = 0; k < 3 && s->scene->adjacency; k++) {
-        if (!(p->there[k] >> i & 1)) continue;
-        const uint32_t unit = s->store->n + 1 + sides++;
-        int32_t edge[2];
-        edge_of(s, c, k, edge);
-        const double at[] = {p->end[k][0][i], p->end[k][1][i], p->end[k][2][i], p->end[k][3][i]};
-        put_side(s, unit, edge[0], edge[1], p->weight[k][i], at);
+    if (s->scene->adjacency) {
+        const int32_t *corner = s->store->near.data[c->near].corner;
+        for (uint32_t k = 0; k < 3; k++) {
+            const uint32_t next = k < 2 ? k + 1 : 0, from = c->turned ? next : k, to = c->turned ? k : next;
+            put_side(s, s->store->n + 1 + sides, corner[from], corner[to], p->weight[k][i], p->end[k][0][i],
+                     p->end[k][1][i], p->end[k][2][i], p->end[k][3][i]);
+            sides += p->there[k] >> i & 1;
+        }
     }
     tell(s, c->triangle, p->area[i], p->centre[0][i], p->centre[1][i], sides);
 }
@@ -284,11 +291,10 @@ bool told_sheet(Search *s, const Candidate *c, uint32_t n, double others) {
     for (; count < n && !(area >= 1 - COVERED); count++) {
         const Parts *p = &store->parts.data[c[count].part / 8];
         const uint32_t bit = c[count].part % 8;
-        const int32_t *corner = s->scene->tree.bvh->face + 3 * (size_t)c[count].triangle;
+        const uint64_t *edge = store->near.data[c[count].near].edge;
         if (!(p->good >> bit & 1)) return false;
         /* All of them are turned alike, so edges need not be. */
-        for (uint32_t k = 0; k < 3; k++)
-            open += number_of(corner[k], corner[k < 2 ? k + 1 : 0]) & -(uint64_t)(p->there[k] >> bit & 1);
+        for (uint32_t k = 0; k < 3; k++) open += edge[k] & -(uint64_t)(p->there[k] >> bit & 1);
         area += p->area[bit];
         if (c[count].least < least) least = c[count].least;
     }
@@ -332,7 +338,7 @@ static void tell_side(Search *s, Side *side, int32_t a, int32_t b, const double 
     const double weight = slope > 0 ? (to - from) * side->length / slope : 0;
     const double at[] = {side->at[0][0] + from * ds, side->at[0][1] + from * dt, side->at[0][0] + to * ds,
                          side->at[0][1] + to * dt};
-    put_side(s, unit, a, b, g[1] * ds - g[0] * dt < 0 ? -weight : weight, at);
+    put_side(s, unit, a, b, g[1] * ds - g[0] * dt < 0 ? -weight : weight, at[0], at[1], at[2], at[3]);
     if (s->scene->outlined) outline_part(s, side, a, b, g[1] * ds - g[0] * dt < 0, from, to);
 }
 

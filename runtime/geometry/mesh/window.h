@@ -35,6 +35,8 @@ typedef struct Near {
     uint32_t turned;    /* edges run from their second corner to their first for g to be positive inside */
     double along[4][2]; /* normals times u and v of the windows that it was listed for */
     double base[4];     /* of far eyes: what normals times the way from the eye to the origin are */
+    uint64_t edge[3];   /* window_edge of its edges */
+    int32_t corner[3];
 } Near;
 
 /* Where eight of them lie in the frame that they were listed in; where there is none, nowhere. */
@@ -276,6 +278,13 @@ static inline void window_cross(const double a[3], const double b[3], double out
         const int j = (i + 1) % 3, k = (i + 2) % 3;
         out[i] = a[j] * b[k] - a[k] * b[j];
     }
+}
+/* A number of an edge, from its first corner to its second, for sums in which the other way is the same less. */
+static inline uint64_t window_edge(int32_t a, int32_t b) {
+    const uint32_t low = (uint32_t)(a < b ? a : b), high = (uint32_t)(a < b ? b : a);
+    uint64_t n = ((uint64_t)low << 32 | high) * 0x9e3779b97f4a7c15u;
+    n = (n ^ n >> 32) * 0xd6e8feb86659fd93u;
+    return a < b ? n ^ n >> 32 : 0 - (n ^ n >> 32);
 }
 /* A vertex from the eye. */
 static inline void window_vertex(const Search *s, int32_t vertex, double out[3]) {
