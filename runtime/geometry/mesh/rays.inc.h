@@ -129,6 +129,7 @@ INLINE uint32_t set_group(Rays *r, const BvhScene *s, uint32_t k) {
 INLINE uint64_t set_rays(Rays *r, const BvhScene *s, const flt *rays, uint64_t mask, uint32_t width) {
     flt *const row[8] = {r->o[0], r->o[1], r->o[2], r->d[0], r->d[1], r->d[2], r->t0, r->t};
     uint64_t fine = 0;
+    for (size_t line = 0; line < 8 * width * sizeof(flt); line += 64) __builtin_prefetch((const char *)rays + line);
     for (uint32_t k = 0; k < width; k += GROUP) {
         if (!(mask >> k & LOW_BITS(GROUP))) continue;
         for (uint32_t c = 0; c < 8; c++) {
