@@ -13,6 +13,7 @@
 #ifndef SALTUS_MESH_LANES_H
 #define SALTUS_MESH_LANES_H
 
+#include <stdbool.h>
 #include <stdint.h>
 #include <string.h>
 #if defined(__x86_64__)
@@ -361,6 +362,41 @@ INLINE void pack(uint32_t m, D8 v, double *to) {
 #endif
 }
 
+/* What belongs to a triangle's corners; the fourth lane is not minded. */
+typedef float F4 __attribute__((vector_size(16)));
+typedef double D4 __attribute__((vector_size(32)));
+#if defined(__AVX__)
+INLINE D4 wide_F4(F4 v) { return (D4)_mm256_cvtps_pd((__m128)v); }
+#else
+INLINE D4 wide_F4(F4 v) { return __builtin_convertvector(v, D4); }
+#endif
+/* Of three of them: is any over, is any under 0? */
+INLINE bool any_over(D4 v) {
+#if defined(__AVX512VL__)
+    return _mm256_cmp_pd_mask((__m256d)v, _mm256_setzero_pd(), _CMP_GT_OQ) & 7;
+#elif defined(__AVX__)
+    return _mm256_movemask_pd(_mm256_cmp_pd((__m256d)v, _mm256_setzero_pd(), _CMP_GT_OQ)) & 7;
+#else
+    return (v[0] > 0) | (v[1] > 0) | (v[2] > 0);
+#endif
+}
+
+enum { WAITS_ATONCE = 8 };
+/* Eight children and where they are entered, as 64-bit numbers, (AVX-512: those of m first). */
+INLINE void waits_of(F8 enter, const int32_t *child, uint32_t m, int64_t *to) {
+#if defined(__AVX512VL__)
+    const __m512i at = _mm512_set_epi32(23, 7, 22, 6, 21, 5, 20, 4, 19, 3, 18, 2, 17, 1, 16, 0),
+                  both = _mm512_permutex2var_epi32(_mm512_castsi256_si512(_mm256_load_si256((const __m256i *)child)),
+                                                   at, _mm512_castsi256_si512((__m256i)enter));
+    _mm512_store_si512(to, _mm512_mask_compress_epi64(_mm512_set1_epi64(INT64_MIN), (__mmask8)m, both));
+#else
+    (void)m;
+    typedef uint32_t U8 __attribute__((vector_size(32)));
+    typedef uint64_t UL8 __attribute__((vector_size(64)));
+    *(UL8 *)to = __builtin_convertvector((U8)enter, UL8) << 32 | __builtin_convertvector(*(const U8 *)child, UL8);
+#endif
+}
+
 /* The lowest n bits, n from 1 to 64. */
 #define LOW_BITS(n) (~(uint64_t)0 >> (64 - (n)))
 /* What rays go by (rays.inc.h); measured, they change no answer. */
@@ -368,6 +404,8 @@ enum {
     PACKET = 8,     /* rays that go together, at least */
     TRIES = 4,      /* to find such */
     FEW = 4,        /* rays that leave a packet at a node */
+    FEW_MIXED = 1,  /* rays that go on each for itself */
+    LATER = 32,     /* nodes or leaves that wait till then */
     FEW_IN_LEAF = 6 /* rays of a packet that meet a leaf one by one */
 };
 #define SPREAD 0.25f /* of the slopes of a packet's rays */

@@ -15,7 +15,7 @@ INLINE bool near_each_other(const BvhScene *s, const Rays *r, uint64_t who) {
     return true;
 }
 
-static void descend_mixed(const BvhScene *s, Rays *r, uint64_t who, int32_t at, bool any) {
+static void descend_mixed(const BvhScene *s, Rays *r, Turns *w, uint64_t who, int32_t at, bool any) {
     struct Branch {
         uint64_t who;
         int32_t child;
@@ -37,12 +37,12 @@ static void descend_mixed(const BvhScene *s, Rays *r, uint64_t who, int32_t at, 
         *(F8 *)enter = nearest;
         const uint32_t bottom = depth;
         for (uint32_t child = 0; child < BVH_WIDTH; child++) {
-            const struct Branch w = {column(pass, child), n->child[child], enter[child]};
-            if (!w.who) continue;
-            fetch(s, w.child);
+            const struct Branch b = {column(pass, child), n->child[child], enter[child]};
+            if (!b.who) continue;
+            fetch(s, b.child);
             uint32_t i = depth++;
-            for (; i > bottom && stack[i - 1].enter < w.enter; i--) stack[i] = stack[i - 1];
-            stack[i] = w;
+            for (; i > bottom && stack[i - 1].enter < b.enter; i--) stack[i] = stack[i - 1];
+            stack[i] = b;
         }
         /* Until another node is entered. */
         for (;;) {
@@ -51,9 +51,19 @@ static void descend_mixed(const BvhScene *s, Rays *r, uint64_t who, int32_t at, 
             here = stack[depth].who & who;
             at = stack[depth].child;
             if (!here) continue;
-            if (at < 0) meet_each(s, r, here, ~at);
-            else if (here & (here - 1)) break;
-            else descend_each(s, r, here, at, any);
+            if (at < 0) {
+#ifdef LEAFLATER
+                if (__builtin_popcountll(here) <= LEAFLATER) {
+                    leave_each(s, r, w, here, at, stack[depth].enter, any);
+                    continue;
+                }
+#endif
+                meet_each(s, r, here, ~at);
+            } else if (__builtin_popcountll(here) > FEW_MIXED) break;
+            else {
+                leave_each(s, r, w, here, at, stack[depth].enter, any);
+                continue;
+            }
             for (uint64_t k = any ? here : 0; k; k &= k - 1)
                 if (r->triangle[__builtin_ctzll(k)] >= 0) who &= ~(k & -k);
             if (!who) return;

@@ -14,15 +14,18 @@
 #undef flt
 #undef FN
 #undef Flt8
+#undef Flt4
 #define FN_JOIN(a, b) a##_##b
 #if F64
 #define FN(a) FN_JOIN(a, f64)
 #define flt double
 #define Flt8 D8
+#define Flt4 D4
 #else
 #define FN(a) FN_JOIN(a, f32)
 #define flt float
 #define Flt8 F8
+#define Flt4 F4
 #endif
 #define Leaf FN(BvhLeafOf)
 #define Group FN(BvhGroup)
@@ -33,7 +36,9 @@
 #define set_group FN(set_group)
 #define set_rays FN(set_rays)
 #define inside FN(inside)
-#define meet_leaf FN(meet_leaf)
+#define may_meet FN(may_meet)
+#define meet_one FN(meet_one)
+#define meet_those FN(meet_those)
 #define moved_leaf FN(moved_leaf)
 #define take FN(take)
 #define pass_boxes FN(pass_boxes)
@@ -42,8 +47,10 @@
 #define all FN(all)
 #define wide FN(wide)
 #define of_wide FN(of_wide)
+#define wide4 FN(wide4)
 #define same_way FN(same_way)
 #define search FN(search)
+#define after FN(after)
 
 /* Group: rays that are worked on at once; Whole: what its comparisons give; Narrow: as many floats. */
 #if F64
@@ -145,6 +152,9 @@ INLINE uint64_t set_rays(Rays *r, const BvhScene *s, const flt *rays, uint64_t m
 
 /* ---- triangles */
 
+/* Looked up: of rays that go apart nobody guesses it. */
+static const uint8_t after[3] = {1, 2, 0};
+
 /* What is under a child will be read soon. */
 INLINE void fetch(const BvhScene *s, int32_t child) {
     const char *from =
@@ -156,9 +166,11 @@ INLINE void fetch(const BvhScene *s, int32_t child) {
 #if F64
 INLINE D8 wide(D8 v) { return v; }
 INLINE D8 of_wide(D8 v) { return v; }
+INLINE D4 wide4(D4 v) { return v; }
 #else
 INLINE D8 wide(F8 v) { return wide_F8(v); }
 INLINE F8 of_wide(D8 v) { return narrow_D8(v); }
+INLINE D4 wide4(F4 v) { return wide_F4(v); }
 #endif
 INLINE Flt8 all(flt v) { return (Flt8){v, v, v, v, v, v, v, v}; }
 
@@ -188,9 +200,9 @@ INLINE void take(Rays *r, uint32_t k, flt t, double before, int32_t triangle) {
     r->end[k] = outwards_of(t * r->scale[k]);
 }
 
-/* Ray k against eight triangles. */
-INLINE void meet_leaf(const Leaf *l, Rays *r, uint32_t k) {
-    const int kz = r->way[k] & 3, kx = kz < 2 ? kz + 1 : 0, ky = kx < 2 ? kx + 1 : 0;
+/* Which of eight triangles ray k may meet. */
+INLINE uint32_t may_meet(const Leaf *l, const Rays *r, uint32_t k) {
+    const int kz = r->way[k] & 3, kx = after[kz], ky = after[kx];
     const flt sx = r->sx[k], sy = r->sy[k], sz = r->sz[k];
     Flt8 x[3], y[3], z[3];
     for (int c = 0; c < 3; c++) {
@@ -205,15 +217,31 @@ INLINE void meet_leaf(const Leaf *l, Rays *r, uint32_t k) {
         plus |= less(other, one), minus |= less(one, other);
     }
     const Flt8 low = lower(z[2], lower(z[1], z[0])), high = higher(z[2], higher(z[1], z[0]));
-    uint32_t may = ~(plus & minus) & upto(low, all(r->t[k])) & upto(all(r->t0[k]), high);
-    if (!may) return;
-    Flt8 t;
-    D8 before;
-    may &= inside(x, y, z, low, high, &t, &before);
-    for (; may; may &= may - 1) {
-        const uint32_t i = (uint32_t)__builtin_ctz(may);
-        take(r, k, t[i], before[i], l->triangle[i]);
-    }
+    return ~(plus & minus) & upto(low, all(r->t[k])) & upto(all(r->t0[k]), high);
+}
+
+/* Ray k against triangle i. */
+INLINE void meet_one(const Leaf *l, Rays *r, uint32_t k, uint32_t i) {
+    const int kz = r->way[k] & 3, kx = after[kz], ky = after[kx];
+#define CORNERS(axis) ((Flt4){l->at[0][axis][i], l->at[1][axis][i], l->at[2][axis][i], 0} - r->o[axis][k])
+    const Flt4 along = CORNERS(kz), z = r->sz[k] * along;
+    const D4 x = wide4(CORNERS(kx) - r->sx[k] * along), y = wide4(CORNERS(ky) - r->sy[k] * along);
+#undef CORNERS
+    const D4 e = __builtin_shufflevector(x, x, 1, 2, 0, 3) * __builtin_shufflevector(y, y, 2, 0, 1, 3) -
+                 __builtin_shufflevector(y, y, 1, 2, 0, 3) * __builtin_shufflevector(x, x, 2, 0, 1, 3);
+    if (any_over(e) == any_over(-e)) return;
+    const D4 parts = e * wide4(z);
+    const double sum = (e[0] + e[1]) + e[2], at = (parts[0] + parts[1]) + parts[2];
+    const double before = at / sum;
+    flt low = z[1] < z[0] ? z[1] : z[0], high = z[1] > z[0] ? z[1] : z[0], t = (flt)before;
+    low = z[2] < low ? z[2] : low, high = z[2] > high ? z[2] : high;
+    t = low > t ? low : t;
+    take(r, k, high < t ? high : t, before, l->triangle[i]);
+}
+
+/* Ray k against the triangles `may`, seldom more than one. */
+INLINE void meet_those(const Leaf *l, Rays *r, uint32_t k, uint32_t may) {
+    for (; may; may &= may - 1) meet_one(l, r, k, (uint32_t)__builtin_ctz(may));
 }
 
 /* The same triangles where vertices are not those of the tree. */
@@ -237,7 +265,14 @@ INLINE void meet_each(const BvhScene *s, Rays *r, uint64_t who, int32_t leaf) {
     const Leaf *l = (const Leaf *)s->bvh->leaf + leaf;
     Leaf now;
     if (s->moved) moved_leaf(s, l, &now), l = &now;
-    for (; who; who &= who - 1) meet_leaf(l, r, (uint32_t)__builtin_ctzll(who));
+    uint8_t met[RAYS], may[RAYS];
+    uint32_t mets = 0;
+    for (; who; who &= who - 1) {
+        const uint32_t k = (uint32_t)__builtin_ctzll(who), these = may_meet(l, r, k);
+        met[mets] = (uint8_t)k, may[mets] = (uint8_t)these;
+        mets += these != 0;
+    }
+    for (uint32_t i = 0; i < mets; i++) meet_those(l, r, met[i], may[i]);
 }
 
 /* Which boxes of the node ray k passes. */
@@ -270,16 +305,19 @@ INLINE uint64_t same_way(const Rays *r, uint32_t k, uint64_t left) {
 
 static void search(const BvhScene *s, const void *rays, uint64_t mask, uint32_t width, bool any, int32_t *witness) {
     Rays r;
+    Turns w;
+    turns_set(&w, s);
     const uint64_t fine = set_rays(&r, s, rays, mask, width);
     uint64_t apart = 0, left = fine;
     for (int tries = 0; __builtin_popcountll(left) >= PACKET && tries < TRIES; tries++) {
         const uint64_t same = same_way(&r, (uint32_t)__builtin_ctzll(left), left);
-        if (__builtin_popcountll(same) < PACKET || !descend_packet(s, &r, same, any)) apart |= same;
+        if (__builtin_popcountll(same) < PACKET || !descend_packet(s, &r, &w, same, any)) apart |= same;
         left &= ~same;
     }
     apart |= left;
-    if (__builtin_popcountll(apart) >= PACKET && near_each_other(s, &r, apart)) descend_mixed(s, &r, apart, 0, any);
-    else descend_each(s, &r, apart, 0, any);
+    if (__builtin_popcountll(apart) >= PACKET && near_each_other(s, &r, apart)) descend_mixed(s, &r, &w, apart, 0, any);
+    else if (apart) descend_each(s, &r, &w, apart, any);
+    if (w.later) finish_each(s, &r, &w, w.later, any);
     for (uint32_t k = 0; k < width; k++)
         witness[k] = !(fine >> k & 1) || r.triangle[k] < 0 ? SLT_WITNESS_NONE : any ? 0 : r.triangle[k];
 }
