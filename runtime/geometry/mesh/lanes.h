@@ -206,7 +206,9 @@ LANES_IN_PARTS(D8, L8, 8)
 
 INLINE F8 all_F8(float v) { return (F8){v, v, v, v, v, v, v, v}; }
 INLINE D8 all_D8(double v) { return (D8){v, v, v, v, v, v, v, v}; }
-#if defined(__AVX__) || !defined(__SSE2__)
+#if defined(__AVX512VL__)
+INLINE F8 chosen_F8(uint64_t m, F8 a, F8 b) { return (F8)_mm256_mask_mov_ps((__m256)b, (__mmask8)m, (__m256)a); }
+#elif defined(__AVX__) || !defined(__SSE2__)
 INLINE F8 chosen_F8(uint64_t m, F8 a, F8 b) {
     const I8 bit = {1, 2, 4, 8, 16, 32, 64, 128}, on = ((bit & (int32_t)m) != 0);
     return (F8)((on & (I8)a) | (~on & (I8)b));
