@@ -407,6 +407,10 @@ enum {
     TRIES = 4,      /* to find such */
     FEW = 4,        /* rays that leave a packet at a node */
     FEW_MIXED = 1,  /* rays that go on each for itself */
+#ifndef MM
+#define MM 28
+#endif
+    MANY_MIXED = MM, /* rays that are tested sixteen at a time */
     LATER = 32,     /* nodes or leaves that wait till then */
     FEW_IN_LEAF = 6 /* rays of a packet that meet a leaf one by one */
 };
