@@ -269,10 +269,23 @@ INLINE uint32_t equal(I8 a, int32_t b) { return (uint32_t)_mm256_movemask_ps((__
 #define LANES_OF(op, a) _Generic((a), F8: op##_F8, F16: op##_F16, D8: op##_D8)
 typedef F16 Many; /* floats at once */
 typedef I16 Whether;
+typedef __mmask16 Lanes;
+typedef uint16_t Bits; /* one a lane */
+INLINE Many all_Many(float v) { return (Many)_mm512_set1_ps(v); }
+INLINE Lanes lanes_not_0(const uint32_t *v) {
+    const __m512i all = _mm512_load_si512(v);
+    return _mm512_test_epi32_mask(all, all);
+}
+INLINE Many either(Lanes m, Many a, Many b) { return (Many)_mm512_mask_mov_ps((__m512)b, m, (__m512)a); }
 #else
 #define LANES_OF(op, a) _Generic((a), F8: op##_F8, D8: op##_D8)
 typedef F8 Many;
 typedef I8 Whether;
+typedef I8 Lanes;
+typedef uint8_t Bits;
+INLINE Many all_Many(float v) { return all_F8(v); }
+INLINE Lanes lanes_not_0(const uint32_t *v) { return *(const I8 *)v != 0; }
+INLINE Many either(Lanes m, Many a, Many b) { return (Many)((m & (I8)a) | (~m & (I8)b)); }
 #endif
 #define lower(a, b) LANES_OF(lower, a)(a, b)
 #define higher(a, b) LANES_OF(higher, a)(a, b)
@@ -407,13 +420,17 @@ enum {
     TRIES = 4,      /* to find such */
     FEW = 4,        /* rays that leave a packet at a node */
     FEW_MIXED = 1,  /* rays that go on each for itself */
-#ifndef MM
-#define MM 28
-#endif
-    MANY_MIXED = MM, /* rays that are tested sixteen at a time */
     LATER = 32,     /* nodes or leaves that wait till then */
     FEW_IN_LEAF = 6 /* rays of a packet that meet a leaf one by one */
 };
+/* Rays that are tested MANY at a time: each for itself at the root, and where they share nodes. */
+#if defined(__AVX512VL__)
+enum { MANY_EACH = 12, MANY_MIXED = 28 };
+#elif defined(__AVX__)
+enum { MANY_EACH = 12, MANY_MIXED = 65 };
+#else
+enum { MANY_EACH = 65, MANY_MIXED = 65 };
+#endif
 #define SPREAD 0.25f /* of the slopes of a packet's rays */
 #define NEAR 0.25    /* of the mesh's largest coordinate: how far apart rays begin that share nodes */
 enum { RAYS = 64, MANY = sizeof(Many) / sizeof(float) };

@@ -2,7 +2,6 @@
  * rays. One ray after the other is tested against a node's eight boxes, without a decision in between; then the node's
  * children in turn are entered by the rays that pass them. A ray that is left alone goes on alone. */
 #define near_each_other FN(near_each_other)
-#define pass_many FN(pass_many)
 #define descend_mixed FN(descend_mixed)
 
 /* Do they begin so near each other that they meet the same nodes at first? */
@@ -16,47 +15,6 @@ INLINE bool near_each_other(const BvhScene *s, const Rays *r, uint64_t who) {
     return true;
 }
 
-#if defined(__AVX512VL__)
-/* Which of the rays pass the node's boxes, sixteen rays at a time, and where the first of them enters. */
-INLINE void pass_many(const BvhNode *n, const Rays *r, uint64_t who, uint64_t pass[BVH_WIDTH], float nearest[BVH_WIDTH],
-                      bool any) {
-    union {
-        uint16_t some[BVH_WIDTH][RAYS / 16];
-        uint64_t all[BVH_WIDTH];
-    } passed = {.all = {0}};
-    Many first[BVH_WIDTH];
-    for (int c = 0; c < BVH_WIDTH; c++) first[c] = (Many){0} + HUGE_VALF;
-    for (uint32_t k = 0; k < RAYS; k += 16) {
-        const __mmask16 these = (__mmask16)(who >> k);
-        if (!these) continue;
-        __mmask16 down[3];
-        Many near[3], far[3], against[3];
-        for (int a = 0; a < 3; a++) {
-            const __m512i side = _mm512_load_si512(r->down[a] + k);
-            down[a] = _mm512_test_epi32_mask(side, side);
-            near[a] = *(const Many *)(r->near[a] + k), far[a] = *(const Many *)(r->far[a] + k);
-            against[a] = -*(const Many *)(r->inverse[a] + k);
-        }
-        const Many begin = *(const Many *)(r->begin + k), end = *(const Many *)(r->end + k);
-        for (int c = 0; c < BVH_WIDTH; c++) {
-            Many in = begin, out = end;
-            for (int a = 0; a < 3; a++) {
-                const __m512 lo = _mm512_set1_ps(n->lo[a][c]), hi = _mm512_set1_ps(n->hi[a][c]);
-                in = higher((near[a] - (Many)_mm512_mask_mov_ps(lo, down[a], hi)) * against[a], in);
-                out = lower((far[a] - (Many)_mm512_mask_mov_ps(hi, down[a], lo)) * against[a], out);
-            }
-            const __mmask16 m = _mm512_mask_cmp_ps_mask(these, (__m512)in, (__m512)out, _CMP_LE_OQ);
-            passed.some[c][k / 16] = m;
-            if (!any) first[c] = (Many)_mm512_mask_min_ps((__m512)first[c], m, (__m512)in, (__m512)first[c]);
-        }
-    }
-    for (int c = 0; c < BVH_WIDTH; c++) {
-        pass[c] = passed.all[c];
-        nearest[c] = any ? HUGE_VALF : least_of(first[c]);
-    }
-}
-#endif
-
 static void descend_mixed(const BvhScene *s, Rays *r, Turns *w, uint64_t who, int32_t at, bool any) {
     struct Branch {
         uint64_t who;
@@ -69,11 +27,8 @@ static void descend_mixed(const BvhScene *s, Rays *r, Turns *w, uint64_t who, in
         const BvhNode *n = &s->bvh->node[at];
         uint64_t passed[BVH_WIDTH];
         float enter[8] __attribute__((aligned(32)));
-#if defined(__AVX512VL__)
         if (__builtin_popcountll(here) >= MANY_MIXED) pass_many(n, r, here, passed, enter, any);
-        else
-#endif
-        {
+        else {
             uint8_t pass[RAYS] __attribute__((aligned(64))) = {0};
             F8 nearest = all_F8(HUGE_VALF);
             for (uint64_t k = here; k; k &= k - 1) {

@@ -42,6 +42,7 @@
 #define moved_leaf FN(moved_leaf)
 #define take FN(take)
 #define pass_boxes FN(pass_boxes)
+#define pass_many FN(pass_many)
 #define meet_each FN(meet_each)
 #define fetch FN(fetch)
 #define all FN(all)
@@ -288,6 +289,45 @@ INLINE uint32_t pass_boxes(const BvhNode *n, const Rays *r, uint32_t k, F8 *ente
     }
     *enter = in;
     return upto(in, out);
+}
+
+/* Which of the rays pass which of the node's boxes, MANY rays at a time, and (not for any) where the first enters. */
+INLINE void pass_many(const BvhNode *n, const Rays *r, uint64_t who, uint64_t passed[BVH_WIDTH],
+                      float nearest[BVH_WIDTH], bool any) {
+    union {
+        Bits some[BVH_WIDTH][RAYS / MANY];
+        uint64_t all[BVH_WIDTH];
+    } pass = {.all = {0}};
+    Many first[BVH_WIDTH];
+    for (int c = 0; c < BVH_WIDTH; c++) first[c] = (Many){0} + HUGE_VALF;
+    for (uint32_t k = 0; k < RAYS; k += MANY) {
+        const uint64_t these = who >> k & LOW_BITS(MANY);
+        if (!these) continue;
+        Lanes down[3];
+        Many near[3], far[3], inverse[3];
+        for (int a = 0; a < 3; a++) {
+            down[a] = lanes_not_0(r->down[a] + k), inverse[a] = *(const Many *)(r->inverse[a] + k);
+            near[a] = *(const Many *)(r->near[a] + k), far[a] = *(const Many *)(r->far[a] + k);
+        }
+        /* The others pass nothing. */
+        const Many begin = chosen(these, *(const Many *)(r->begin + k), (Many){0} + HUGE_VALF),
+                   end = chosen(these, *(const Many *)(r->end + k), (Many){0} - HUGE_VALF);
+        for (int c = 0; c < BVH_WIDTH; c++) {
+            Many in = begin, out = end;
+            for (int a = 0; a < 3; a++) {
+                const Many lo = all_Many(n->lo[a][c]), hi = all_Many(n->hi[a][c]);
+                in = higher((either(down[a], hi, lo) - near[a]) * inverse[a], in);
+                out = lower((either(down[a], lo, hi) - far[a]) * inverse[a], out);
+            }
+            const Bits m = (Bits)upto(in, out);
+            pass.some[c][k / MANY] = m;
+            if (!any) first[c] = chosen(m, lower(in, first[c]), first[c]);
+        }
+    }
+    for (int c = 0; c < BVH_WIDTH; c++) {
+        passed[c] = pass.all[c];
+        if (!any) nearest[c] = least_of(first[c]);
+    }
 }
 
 #include "turns.inc.h"

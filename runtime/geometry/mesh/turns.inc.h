@@ -164,6 +164,14 @@ INLINE void nothing_waits(Turns *w, uint32_t k) {
 
 /* Rays from the root on, each for itself. */
 INLINE void descend_each(const BvhScene *s, Rays *r, Turns *w, uint64_t who, bool any) {
+    /* Of many most may pass nothing. */
+    if (__builtin_popcountll(who) >= MANY_EACH) {
+        uint64_t passed[BVH_WIDTH];
+        float nearest[BVH_WIDTH];
+        pass_many(&s->bvh->node[0], r, who, passed, nearest, true);
+        who = 0;
+        for (int c = 0; c < BVH_WIDTH; c++) who |= passed[c];
+    }
     for (; who; who &= who - 1) {
         const uint32_t k = (uint32_t)__builtin_ctzll(who);
         nothing_waits(w, k);
