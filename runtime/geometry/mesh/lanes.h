@@ -337,6 +337,11 @@ INLINE Some higher_some(Some a, Some b) { return (Some){a[0] > b[0] ? a[0] : b[0
 INLINE Some some_floats(const float *from) { return (Some){(double)from[0], (double)from[1]}; }
 #endif
 enum { SOME = sizeof(Some) / sizeof(double) };
+INLINE Some all_some(double v) {
+    Some s;
+    for (int k = 0; k < SOME; k++) s[k] = v;
+    return s;
+}
 INLINE Some some_doubles(const double *from) {
     Some s;
     memcpy(&s, from, sizeof s);
@@ -385,7 +390,14 @@ INLINE D4 wide_F4(F4 v) { return (D4)_mm256_cvtps_pd((__m128)v); }
 #else
 INLINE D4 wide_F4(F4 v) { return __builtin_convertvector(v, D4); }
 #endif
-/* Of three of them: is any over, is any under 0? */
+#if defined(__SSE2__)
+INLINE F4 lower_F4(F4 a, F4 b) { return (F4)_mm_min_ps((__m128)a, (__m128)b); }
+INLINE F4 higher_F4(F4 a, F4 b) { return (F4)_mm_max_ps((__m128)a, (__m128)b); }
+INLINE F4 all_F4(float v) { return (F4)_mm_set1_ps(v); }
+INLINE uint32_t less_F4(F4 a, F4 b) { return (uint32_t)_mm_movemask_ps(_mm_cmplt_ps((__m128)a, (__m128)b)); }
+INLINE uint32_t upto_F4(F4 a, F4 b) { return (uint32_t)_mm_movemask_ps(_mm_cmple_ps((__m128)a, (__m128)b)); }
+#endif
+/* Is any of three of them over 0? */
 INLINE bool any_over(D4 v) {
 #if defined(__AVX512VL__)
     return _mm256_cmp_pd_mask((__m256d)v, _mm256_setzero_pd(), _CMP_GT_OQ) & 7;

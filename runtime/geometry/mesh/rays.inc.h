@@ -15,16 +15,27 @@
 #undef FN
 #undef Flt8
 #undef Flt4
+#undef Part
+#undef PART
 #define FN_JOIN(a, b) a##_##b
 #if F64
 #define FN(a) FN_JOIN(a, f64)
 #define flt double
 #define Flt8 D8
+#define Part Some
+#define PART(f) f##_some
 #define Flt4 D4
 #else
 #define FN(a) FN_JOIN(a, f32)
 #define flt float
 #define Flt8 F8
+#if defined(__AVX__) || !defined(__SSE2__)
+#define Part F8
+#define PART(f) f##_F8
+#else
+#define Part F4
+#define PART(f) f##_F4
+#endif
 #define Flt4 F4
 #endif
 #define Leaf FN(BvhLeafOf)
@@ -201,24 +212,29 @@ INLINE void take(Rays *r, uint32_t k, flt t, double before, int32_t triangle) {
     r->end[k] = outwards_of(t * r->scale[k]);
 }
 
-/* Which of eight triangles ray k may meet. */
+/* Which of eight triangles ray k may meet: as many at once as a register holds. */
 INLINE uint32_t may_meet(const Leaf *l, const Rays *r, uint32_t k) {
     const int kz = r->way[k] & 3, kx = after[kz], ky = after[kx];
     const flt sx = r->sx[k], sy = r->sy[k], sz = r->sz[k];
-    Flt8 x[3], y[3], z[3];
-    for (int c = 0; c < 3; c++) {
-        const Flt8 along = *(const Flt8 *)l->at[c][kz] - r->o[kz][k];
-        x[c] = (*(const Flt8 *)l->at[c][kx] - r->o[kx][k]) - sx * along;
-        y[c] = (*(const Flt8 *)l->at[c][ky] - r->o[ky][k]) - sy * along;
-        z[c] = sz * along;
+    uint32_t may = 0;
+    for (uint32_t i = 0; i < BVH_LEAF; i += sizeof(Part) / sizeof(flt)) {
+        Part x[3], y[3], z[3];
+        for (int c = 0; c < 3; c++) {
+            const Part along = *(const Part *)(l->at[c][kz] + i) - r->o[kz][k];
+            x[c] = (*(const Part *)(l->at[c][kx] + i) - r->o[kx][k]) - sx * along;
+            y[c] = (*(const Part *)(l->at[c][ky] + i) - r->o[ky][k]) - sy * along;
+            z[c] = sz * along;
+        }
+        uint32_t plus = 0, minus = 0;
+        for (int c = 0; c < 3; c++) {
+            const Part one = x[(c + 1) % 3] * y[(c + 2) % 3], other = y[(c + 1) % 3] * x[(c + 2) % 3];
+            plus |= PART(less)(other, one), minus |= PART(less)(one, other);
+        }
+        const Part low = PART(lower)(z[2], PART(lower)(z[1], z[0])),
+                   high = PART(higher)(z[2], PART(higher)(z[1], z[0]));
+        may |= (~(plus & minus) & PART(upto)(low, PART(all)(r->t[k])) & PART(upto)(PART(all)(r->t0[k]), high)) << i;
     }
-    uint32_t plus = 0, minus = 0;
-    for (int c = 0; c < 3; c++) {
-        const Flt8 one = x[(c + 1) % 3] * y[(c + 2) % 3], other = y[(c + 1) % 3] * x[(c + 2) % 3];
-        plus |= less(other, one), minus |= less(one, other);
-    }
-    const Flt8 low = lower(z[2], lower(z[1], z[0])), high = higher(z[2], higher(z[1], z[0]));
-    return ~(plus & minus) & upto(low, all(r->t[k])) & upto(all(r->t0[k]), high);
+    return may;
 }
 
 /* Ray k against triangle i. */
