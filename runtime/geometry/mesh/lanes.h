@@ -431,7 +431,7 @@ enum {
     PACKET = 8,     /* rays that go together, at least */
     TRIES = 4,      /* to find such */
     FEW = 4,        /* rays that leave a packet at a node */
-    FEW_MIXED = 1,  /* rays that go on each for itself */
+    FEW_MIXED = 4,  /* rays that share a node no more, but go on each for itself */
     LATER = 32,     /* nodes or leaves that wait till then */
     FEW_IN_LEAF = 6 /* rays of a packet that meet a leaf one by one */
 };

@@ -199,7 +199,7 @@ static bool descend_packet(const BvhScene *s, Rays *r, Turns *w, uint64_t who, b
             } else if (many > FEW) {
                 at = (uint32_t)child;
                 break;
-            } else if (many > FEW_MIXED) descend_mixed(s, r, w, here, child, any);
+            } else if (many > 1) descend_mixed(s, r, w, here, child, any);
             else {
                 leave_each(s, r, w, here, child, b->enter, any);
                 continue;

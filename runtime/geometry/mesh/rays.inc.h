@@ -110,7 +110,13 @@ INLINE uint32_t set_group(Rays *r, const BvhScene *s, uint32_t k) {
                 first = ~(last | middle);
     const Group dz = (Group)((first & (Whole)d[0]) | (middle & (Whole)d[1]) | (last & (Whole)d[2])),
                 dx = (Group)((first & (Whole)d[1]) | (middle & (Whole)d[2]) | (last & (Whole)d[0])),
-                dy = (Group)((first & (Whole)d[2]) | (middle & (Whole)d[0]) | (last & (Whole)d[1])), sz = 1 / dz;
+                dy = (Group)((first & (Whole)d[2]) | (middle & (Whole)d[0]) | (last & (Whole)d[1]));
+#if F64
+    const Group sz = 1 / dz;
+#else
+    const Group over[3] = {1 / d[0], 1 / d[1], 1 / d[2]};
+    const Group sz = (Group)((first & (Whole)over[0]) | (middle & (Whole)over[1]) | (last & (Whole)over[2]));
+#endif
     fine &= less(sz, none + huge) & less(none - huge, sz);
     *(Group *)(r->sx + k) = dx / dz, *(Group *)(r->sy + k) = dy / dz, *(Group *)(r->sz + k) = sz;
     /* Corners less origins are rounded, then sheared: a few units in the last place of the longest of them; in floats a
@@ -121,18 +127,22 @@ INLINE uint32_t set_group(Rays *r, const BvhScene *s, uint32_t k) {
     const Whole exponent = (Whole)dz & ((Whole){0} + 0x7ff0000000000000);
     const Group scale = (Group)exponent, against = (Group)(0x7fe0000000000000 - exponent); /* powers of two */
 #else
-    const Group scale = (Group){0} + 1, against = scale;
+    const Group scale = (Group){0} + 1;
 #endif
     *(Group *)(r->scale + k) = scale;
     typedef int32_t Ways __attribute__((vector_size(4 * GROUP)));
     Whole way = (middle & 1) | (last & 2);
     for (int a = 0; a < 3; a++) {
-        const Group o = *(const Group *)(r->o[a] + k), inverse = 1 / (d[a] * against);
-        const Whole down = under(inverse, none);
+        const Group o = *(const Group *)(r->o[a] + k);
+        const Whole down = (Whole)d[a] < 0; /* -0 as well: its inverse is negative */
         const Group outwards = (Group)((Whole)wide ^ (down & sign));
         *(Narrow *)(r->near[a] + k) = __builtin_convertvector(o + outwards, Narrow);
         *(Narrow *)(r->far[a] + k) = __builtin_convertvector(o - outwards, Narrow);
-        *(Narrow *)(r->inverse[a] + k) = __builtin_convertvector(inverse, Narrow);
+#if F64
+        *(Narrow *)(r->inverse[a] + k) = 1 / __builtin_convertvector(d[a] * against, Narrow);
+#else
+        *(Narrow *)(r->inverse[a] + k) = over[a];
+#endif
         way |= down & (4 << a);
         *(Ways *)(r->down[a] + k) = __builtin_convertvector(down & (int)BVH_UPPER, Ways);
     }
