@@ -4,6 +4,7 @@
  *   F8, D8  eight floats or doubles     F16  sixteen floats
  *   lower(a, b)  a < b ? a : b          higher(a, b)  a > b ? a : b     so where either is NaN: b
  *   chosen(m, a, b)  bit k of m ? a[k] : b[k]             least_of(a)  the least lane
+ *   either(m, a, b)  the same of Many, m of lanes_not_0
  *   less(a, b)   bit k: a[k] < b[k]     upto(a, b)    bit k: a[k] <= b[k]
  *   under(a, b)  a < b, as vectors compare
  *
@@ -269,8 +270,8 @@ INLINE uint32_t equal(I8 a, int32_t b) { return (uint32_t)_mm256_movemask_ps((__
 #define LANES_OF(op, a) _Generic((a), F8: op##_F8, F16: op##_F16, D8: op##_D8)
 typedef F16 Many; /* floats at once */
 typedef I16 Whether;
-typedef __mmask16 Lanes;
-typedef uint16_t Bits; /* one a lane */
+typedef __mmask16 Lanes; /* yes or no */
+typedef uint16_t Bits;   /* one a lane */
 INLINE Many all_Many(float v) { return (Many)_mm512_set1_ps(v); }
 INLINE Lanes lanes_not_0(const uint32_t *v) {
     const __m512i all = _mm512_load_si512(v);
@@ -408,21 +409,41 @@ INLINE bool any_over(D4 v) {
 #endif
 }
 
+/* Children that wait, eight at once: numbers of 64 bits, above where a child is entered, below which it is. */
 enum { WAITS_ATONCE = 8 };
-/* Eight children and where they are entered, as 64-bit numbers, (AVX-512: those of m first). */
-INLINE void waits_of(F8 enter, const int32_t *child, uint32_t m, int64_t *to) {
 #if defined(__AVX512VL__)
+#define WAITS_BY_LANES 1
+/* Those of the children m come first, then what lies below all. */
+INLINE void waits_of(F8 enter, const int32_t *child, uint32_t m, int64_t *to) {
     const __m512i at = _mm512_set_epi32(23, 7, 22, 6, 21, 5, 20, 4, 19, 3, 18, 2, 17, 1, 16, 0),
                   both = _mm512_permutex2var_epi32(_mm512_castsi256_si512(_mm256_load_si256((const __m256i *)child)),
                                                    at, _mm512_castsi256_si512((__m256i)enter));
     _mm512_store_si512(to, _mm512_mask_compress_epi64(_mm512_set1_epi64(INT64_MIN), (__mmask8)m, both));
+}
+/* Bit k: waits[k] <= most. */
+INLINE uint32_t waits_upto(const int64_t *waits, int64_t most) {
+    return _mm512_cmple_epi64_mask(_mm512_loadu_si512(waits), _mm512_set1_epi64(most));
+}
+INLINE void waits_copy(const int64_t *from, int64_t *to) { _mm512_storeu_si512(to, _mm512_load_si512(from)); }
+/* The first four, downwards: 0 with 2 and 1 with 3, 0 with 1 and 2 with 3, 1 with 2. */
+INLINE void waits_sort_four(const int64_t *from, int64_t *to) {
+    __m256i v = _mm256_load_si256((const __m256i *)from), other = _mm256_permute4x64_epi64(v, 0x4e);
+    v = _mm256_mask_max_epi64(_mm256_min_epi64(v, other), 3, v, other);
+    other = _mm256_shuffle_epi32(v, 0x4e);
+    v = _mm256_mask_max_epi64(_mm256_min_epi64(v, other), 5, v, other);
+    other = _mm256_permute4x64_epi64(v, 0xd8);
+    v = _mm256_mask_max_epi64(_mm256_mask_min_epi64(v, 4, v, other), 2, v, other);
+    _mm256_storeu_si256((__m256i *)to, v);
+}
 #else
-    (void)m;
+#define WAITS_BY_LANES 0
+INLINE void waits_of(F8 enter, const int32_t *child, uint32_t m, int64_t *to) {
     typedef uint32_t U8 __attribute__((vector_size(32)));
     typedef uint64_t UL8 __attribute__((vector_size(64)));
+    (void)m;
     *(UL8 *)to = __builtin_convertvector((U8)enter, UL8) << 32 | __builtin_convertvector(*(const U8 *)child, UL8);
-#endif
 }
+#endif
 
 /* The lowest n bits, n from 1 to 64. */
 #define LOW_BITS(n) (~(uint64_t)0 >> (64 - (n)))
@@ -435,7 +456,8 @@ enum {
     LATER = 32,     /* nodes or leaves that wait till then */
     FEW_IN_LEAF = 6 /* rays of a packet that meet a leaf one by one */
 };
-/* Rays that are tested MANY at a time: each for itself at the root, and where they share nodes. */
+/* Rays from which on MANY are tested at a time: at the root of each for itself, and where they share nodes; 65: never.
+ */
 #if defined(__AVX512VL__)
 enum { MANY_EACH = 12, MANY_MIXED = 28 };
 #elif defined(__AVX__)

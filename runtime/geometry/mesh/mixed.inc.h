@@ -1,6 +1,7 @@
 /* Rays that go apart, together as long as they meet the same nodes: rays.inc.h includes this behind its tests of single
- * rays. One ray after the other is tested against a node's eight boxes, without a decision in between; then the node's
- * children in turn are entered by the rays that pass them. A ray that is left alone goes on alone. */
+ * rays. One ray after the other is tested against a node's eight boxes, or many rays against one box after the other,
+ * without a decision in between; then the node's children in turn are entered by the rays that pass them. A child that
+ * few rays pass waits until the others are done. */
 #define near_each_other FN(near_each_other)
 #define descend_mixed FN(descend_mixed)
 
@@ -58,15 +59,8 @@ static void descend_mixed(const BvhScene *s, Rays *r, Turns *w, uint64_t who, in
             here = stack[depth].who & who;
             at = stack[depth].child;
             if (!here) continue;
-            if (at < 0) {
-#ifdef LEAFLATER
-                if (__builtin_popcountll(here) <= LEAFLATER) {
-                    leave_each(s, r, w, here, at, stack[depth].enter, any);
-                    continue;
-                }
-#endif
-                meet_each(s, r, here, ~at);
-            } else if (__builtin_popcountll(here) > FEW_MIXED) break;
+            if (at < 0) meet_each(s, r, here, ~at);
+            else if (__builtin_popcountll(here) > FEW_MIXED) break;
             else {
                 leave_each(s, r, w, here, at, stack[depth].enter, any);
                 continue;

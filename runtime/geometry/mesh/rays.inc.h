@@ -317,7 +317,8 @@ INLINE uint32_t pass_boxes(const BvhNode *n, const Rays *r, uint32_t k, F8 *ente
     return upto(in, out);
 }
 
-/* Which of the rays pass which of the node's boxes, MANY rays at a time, and (not for any) where the first enters. */
+/* Which of the rays pass which of the node's boxes, MANY rays at a time, and, unless any will do, where the first
+ * enters. */
 INLINE void pass_many(const BvhNode *n, const Rays *r, uint64_t who, uint64_t passed[BVH_WIDTH],
                       float nearest[BVH_WIDTH], bool any) {
     union {
@@ -352,7 +353,7 @@ INLINE void pass_many(const BvhNode *n, const Rays *r, uint64_t who, uint64_t pa
     }
     for (int c = 0; c < BVH_WIDTH; c++) {
         passed[c] = pass.all[c];
-        if (!any) nearest[c] = least_of(first[c]);
+        nearest[c] = any ? HUGE_VALF : least_of(first[c]);
     }
 }
 

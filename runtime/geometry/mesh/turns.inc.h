@@ -1,6 +1,8 @@
 /* Rays each for itself, in turns: rays.inc.h includes this behind its tests of single rays. A ray alone waits at every
  * node: for memory, for the test, and for where to go, which no processor guesses well. So in each round every ray goes
- * one step, at a node or at a leaf: no step waits for another, nor branches where numbers can tell as well. */
+ * one step, at a node or at a leaf: no step waits for another, nor branches where numbers can tell as well. A round has
+ * passes of few instructions, so that many rays are in flight: nodes, leaves, triangles that may be met, then where to.
+ */
 #define Turns FN(BvhTurns)
 #define enter_of FN(enter_of)
 #define find_next FN(find_next)
@@ -40,17 +42,17 @@ INLINE float enter_of(int64_t wait) {
     return enter;
 }
 
-/* Where in waiting[k], below depth, that lies that may still be met. */
+/* Where in waiting[k], below depth, the topmost lies that may still be met; LAST lies there eight times, so that eight
+ * can be read. */
 INLINE uint32_t find_next(const Turns *w, const Rays *r, uint32_t k, uint32_t depth, bool any) {
     if (any) return depth - 1;
-#if defined(__AVX512F__)
+#if WAITS_BY_LANES
     int32_t end;
     memcpy(&end, &r->end[k], sizeof end);
     const int64_t most = (int64_t)((uint64_t)(uint32_t)(end < 0 ? INT32_MAX : end) << 32 | 0xffffffff);
-    for (;; depth -= 8) {
-        const uint32_t fits =
-            _mm512_cmple_epi64_mask(_mm512_loadu_si512(w->waiting[k] + depth - 8), _mm512_set1_epi64(most));
-        if (fits) return depth + 31 - 8 - (uint32_t)__builtin_clz(fits);
+    for (;; depth -= WAITS_ATONCE) {
+        const uint32_t may = waits_upto(w->waiting[k] + depth - WAITS_ATONCE, most);
+        if (may) return depth - WAITS_ATONCE + 31 - (uint32_t)__builtin_clz(may);
     }
 #else
     while (enter_of(w->waiting[k][depth - 1]) > r->end[k]) depth--;
@@ -71,21 +73,15 @@ INLINE void go(Turns *w, uint32_t k, int64_t wait, uint32_t depth) {
 }
 
 /* Puts the children of a node that ray k has passed on top of what waits for it, the nearest topmost, and takes the
- * top. Most often they are at most two. */
+ * top. Most often they are at most two, by lanes four come for free. */
 INLINE void go_on(Turns *w, const Rays *r, uint32_t k, uint32_t i, bool any) {
     const uint32_t depth = w->depth[k], passed = w->passed[i], count = (uint32_t)__builtin_popcount(passed);
     const uint32_t next = find_next(w, r, k, depth, any);
     int64_t *const to = w->waiting[k] + depth;
-#if defined(__AVX512VL__)
-    if (any) _mm512_storeu_si512(to, _mm512_load_si512(w->child[i]));
+#if WAITS_BY_LANES
+    if (any) waits_copy(w->child[i], to);
     else {
-        __m256i v = _mm256_load_si256((const __m256i *)w->child[i]), o = _mm256_permute4x64_epi64(v, 0x4e);
-        v = _mm256_mask_max_epi64(_mm256_min_epi64(v, o), 3, v, o);
-        o = _mm256_shuffle_epi32(v, 0x4e);
-        v = _mm256_mask_max_epi64(_mm256_min_epi64(v, o), 5, v, o);
-        o = _mm256_permute4x64_epi64(v, 0xd8);
-        v = _mm256_mask_max_epi64(_mm256_mask_min_epi64(v, 4, v, o), 2, v, o);
-        _mm256_storeu_si256((__m256i *)to, v);
+        waits_sort_four(w->child[i], to);
         for (uint32_t c = 4; c < count; c++) {
             uint32_t place = c;
             const int64_t more = w->child[i][c];
