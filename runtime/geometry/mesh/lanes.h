@@ -449,12 +449,13 @@ INLINE void waits_of(F8 enter, const int32_t *child, uint32_t m, int64_t *to) {
 #define LOW_BITS(n) (~(uint64_t)0 >> (64 - (n)))
 /* What rays go by (rays.inc.h); measured, they change no answer. */
 enum {
-    PACKET = 8,     /* rays that go together, at least */
-    TRIES = 4,      /* to find such */
-    FEW = 4,        /* rays that leave a packet at a node */
-    FEW_MIXED = 4,  /* rays that share a node no more, but go on each for itself */
-    LATER = 32,     /* nodes or leaves that wait till then */
-    FEW_IN_LEAF = 6 /* rays of a packet that meet a leaf one by one */
+    PACKET = 8,      /* rays that go together, at least */
+    TRIES = 4,       /* to find such */
+    FEW = 4,         /* rays that leave a packet at a node */
+    FEW_MIXED = 4,   /* rays that share a node no more, but go on each for itself */
+    LATER = 32,      /* nodes or leaves that wait till then */
+    FEW_IN_LEAF = 6, /* rays of a packet that meet a leaf one by one, at least: */
+    LANES_A_RAY = 11 /* times triangles */
 };
 /* Rays from which on MANY are tested at a time: at the root of each for itself, and where they share nodes; 65: never.
  */

@@ -110,7 +110,14 @@ INLINE void meet_packet(const BvhScene *s, int32_t leaf, const Packet *p, Rays *
     Leaf now;
     if (s->moved) moved_leaf(s, l, &now), l = &now;
     const int kx = p->axis[0], ky = p->axis[1], kz = p->axis[2];
-    for (uint32_t left = ~beside_all(l, p) & 255; left; left &= left - 1) {
+    uint32_t left = ~beside_all(l, p) & 255, lanes = 0;
+    for (uint32_t k = 0; k < RAYS; k += GROUP) lanes += who >> k & LOW_BITS(GROUP) ? GROUP : 0;
+    /* Few rays are sooner through with eight triangles each than the triangles that are left with all lanes. */
+    if (LANES_A_RAY * (uint32_t)__builtin_popcountll(who) <= lanes * (uint32_t)__builtin_popcount(left)) {
+        meet_rays(l, r, who);
+        return;
+    }
+    for (; left; left &= left - 1) {
         const int i = __builtin_ctz(left);
         if (l->triangle[i] < 0) continue;
         for (uint32_t k = 0; k < RAYS; k += GROUP) {

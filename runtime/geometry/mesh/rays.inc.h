@@ -54,6 +54,7 @@
 #define take FN(take)
 #define pass_boxes FN(pass_boxes)
 #define pass_many FN(pass_many)
+#define meet_rays FN(meet_rays)
 #define meet_each FN(meet_each)
 #define fetch FN(fetch)
 #define all FN(all)
@@ -287,11 +288,8 @@ static void moved_leaf(const BvhScene *s, const Leaf *l, Leaf *now) {
     }
 }
 
-/* Rays against a leaf, one after the other. */
-INLINE void meet_each(const BvhScene *s, Rays *r, uint64_t who, int32_t leaf) {
-    const Leaf *l = (const Leaf *)s->bvh->leaf + leaf;
-    Leaf now;
-    if (s->moved) moved_leaf(s, l, &now), l = &now;
+/* Rays against eight triangles, one after the other. */
+INLINE void meet_rays(const Leaf *l, Rays *r, uint64_t who) {
     uint8_t met[RAYS], may[RAYS];
     uint32_t mets = 0;
     for (; who; who &= who - 1) {
@@ -300,6 +298,13 @@ INLINE void meet_each(const BvhScene *s, Rays *r, uint64_t who, int32_t leaf) {
         mets += these != 0;
     }
     for (uint32_t i = 0; i < mets; i++) meet_those(l, r, met[i], may[i]);
+}
+
+INLINE void meet_each(const BvhScene *s, Rays *r, uint64_t who, int32_t leaf) {
+    const Leaf *l = (const Leaf *)s->bvh->leaf + leaf;
+    Leaf now;
+    if (s->moved) moved_leaf(s, l, &now), l = &now;
+    meet_rays(l, r, who);
 }
 
 /* Which boxes of the node ray k passes. */
