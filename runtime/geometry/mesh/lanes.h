@@ -454,8 +454,8 @@ enum {
     FEW = 4,         /* rays that leave a packet at a node */
     FEW_MIXED = 4,   /* rays that share a node no more, but go on each for itself */
     LATER = 32,      /* nodes or leaves that wait till then */
-    FEW_IN_LEAF = 6, /* rays of a packet that meet a leaf one by one, at least: */
-    LANES_A_RAY = 11 /* times triangles */
+    FEW_IN_LEAF = 6, /* rays of a packet that meet a leaf one by one, */
+    LANES_A_RAY = 11 /* as do more, where lanes times triangles are so many a ray */
 };
 /* Rays from which on MANY are tested at a time: at the root of each for itself, and where they share nodes; 65: never.
  */
