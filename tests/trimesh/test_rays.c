@@ -54,6 +54,19 @@ static Surface *blob(uint32_t rings, uint32_t columns, double rough) {
     return s;
 }
 
+/* Large triangles anywhere: rays pass most boxes, each its own. */
+static Surface *heap(uint32_t nfaces) {
+    Surface *s = calloc(1, sizeof *s);
+    uint64_t state = 13;
+    s->nfaces = nfaces, s->nvertices = 3 * nfaces;
+    for (uint32_t i = 0; i < s->nvertices; i++) {
+        for (int a = 0; a < 3; a++) s->at[i][a] = 2 * uniform(&state) - 1;
+        s->face[i / 3][i % 3] = (int32_t)i;
+    }
+    round_all(s);
+    return s;
+}
+
 static SltGeometry *made(const Surface *s, bool f64, TrimeshIsa isa) {
     SltGeometry *g;
     SltError err;
@@ -196,20 +209,17 @@ static void fill(const Surface *s, uint32_t i, uint32_t width, uint64_t *state, 
     }
 }
 
-static void test_together(void **state) {
-    (void)state;
+/* A call's rays find what each finds alone. */
+static void ask_together(const Surface *s, uint32_t calls) {
     enum { WIDEST = 64 };
     static const uint32_t widths[] = {1, 4, 7, 8, 16, 32, 33, WIDEST};
-    Surface *s = blob(20, 40, 1.5);
-    s->at[5][0] = NAN;
-    round_all(s);
     for (int f64 = 0; f64 < 2; f64++) {
         SltGeometry *alone = made(s, f64, TRIMESH_ISA_PLAIN);
         for (TrimeshIsa isa = TRIMESH_ISA_PLAIN; isa < TRIMESH_ISAS; isa++) {
             SltGeometry *g = made(s, f64, isa);
             uint64_t seed = 11;
             uint32_t hits = 0, rays = 0;
-            for (uint32_t i = 0; g && i < 3000; i++) {
+            for (uint32_t i = 0; g && i < calls; i++) {
                 const uint32_t width = widths[i % 8];
                 double ray[WIDEST][8], wide[8 * WIDEST];
                 float narrow[8 * WIDEST];
@@ -234,7 +244,16 @@ static void test_together(void **state) {
         }
         geometry_free(alone);
     }
-    free(s);
+}
+
+static void test_together(void **state) {
+    (void)state;
+    Surface *s = blob(20, 40, 1.5), *h = heap(2000);
+    s->at[5][0] = NAN;
+    round_all(s);
+    ask_together(s, 3000);
+    ask_together(h, 300);
+    free(s), free(h);
 }
 
 static void test_moves(void **state) {

@@ -4,6 +4,7 @@
  *   F8, D8  eight floats or doubles     F16  sixteen floats
  *   lower(a, b)  a < b ? a : b          higher(a, b)  a > b ? a : b     so where either is NaN: b
  *   chosen(m, a, b)  bit k of m ? a[k] : b[k]             least_of(a)  the least lane
+ *   either(m, a, b)  the same of Many, m of lanes_not_0
  *   less(a, b)   bit k: a[k] < b[k]     upto(a, b)    bit k: a[k] <= b[k]
  *   under(a, b)  a < b, as vectors compare
  *
@@ -13,6 +14,7 @@
 #ifndef SALTUS_MESH_LANES_H
 #define SALTUS_MESH_LANES_H
 
+#include <stdbool.h>
 #include <stdint.h>
 #include <string.h>
 #if defined(__x86_64__)
@@ -205,7 +207,9 @@ LANES_IN_PARTS(D8, L8, 8)
 
 INLINE F8 all_F8(float v) { return (F8){v, v, v, v, v, v, v, v}; }
 INLINE D8 all_D8(double v) { return (D8){v, v, v, v, v, v, v, v}; }
-#if defined(__AVX__) || !defined(__SSE2__)
+#if defined(__AVX512VL__)
+INLINE F8 chosen_F8(uint64_t m, F8 a, F8 b) { return (F8)_mm256_mask_mov_ps((__m256)b, (__mmask8)m, (__m256)a); }
+#elif defined(__AVX__) || !defined(__SSE2__)
 INLINE F8 chosen_F8(uint64_t m, F8 a, F8 b) {
     const I8 bit = {1, 2, 4, 8, 16, 32, 64, 128}, on = ((bit & (int32_t)m) != 0);
     return (F8)((on & (I8)a) | (~on & (I8)b));
@@ -266,10 +270,23 @@ INLINE uint32_t equal(I8 a, int32_t b) { return (uint32_t)_mm256_movemask_ps((__
 #define LANES_OF(op, a) _Generic((a), F8: op##_F8, F16: op##_F16, D8: op##_D8)
 typedef F16 Many; /* floats at once */
 typedef I16 Whether;
+typedef __mmask16 Lanes; /* yes or no */
+typedef uint16_t Bits;   /* one a lane */
+INLINE Many all_Many(float v) { return (Many)_mm512_set1_ps(v); }
+INLINE Lanes lanes_not_0(const uint32_t *v) {
+    const __m512i all = _mm512_load_si512(v);
+    return _mm512_test_epi32_mask(all, all);
+}
+INLINE Many either(Lanes m, Many a, Many b) { return (Many)_mm512_mask_mov_ps((__m512)b, m, (__m512)a); }
 #else
 #define LANES_OF(op, a) _Generic((a), F8: op##_F8, D8: op##_D8)
 typedef F8 Many;
 typedef I8 Whether;
+typedef I8 Lanes;
+typedef uint8_t Bits;
+INLINE Many all_Many(float v) { return all_F8(v); }
+INLINE Lanes lanes_not_0(const uint32_t *v) { return *(const I8 *)v != 0; }
+INLINE Many either(Lanes m, Many a, Many b) { return (Many)((m & (I8)a) | (~m & (I8)b)); }
 #endif
 #define lower(a, b) LANES_OF(lower, a)(a, b)
 #define higher(a, b) LANES_OF(higher, a)(a, b)
@@ -321,6 +338,11 @@ INLINE Some higher_some(Some a, Some b) { return (Some){a[0] > b[0] ? a[0] : b[0
 INLINE Some some_floats(const float *from) { return (Some){(double)from[0], (double)from[1]}; }
 #endif
 enum { SOME = sizeof(Some) / sizeof(double) };
+INLINE Some all_some(double v) {
+    Some s;
+    for (int k = 0; k < SOME; k++) s[k] = v;
+    return s;
+}
 INLINE Some some_doubles(const double *from) {
     Some s;
     memcpy(&s, from, sizeof s);
@@ -361,15 +383,89 @@ INLINE void pack(uint32_t m, D8 v, double *to) {
 #endif
 }
 
+/* What belongs to a triangle's corners; the fourth lane is not minded. */
+typedef float F4 __attribute__((vector_size(16)));
+typedef double D4 __attribute__((vector_size(32)));
+#if defined(__AVX__)
+INLINE D4 wide_F4(F4 v) { return (D4)_mm256_cvtps_pd((__m128)v); }
+#else
+INLINE D4 wide_F4(F4 v) { return __builtin_convertvector(v, D4); }
+#endif
+#if defined(__SSE2__)
+INLINE F4 lower_F4(F4 a, F4 b) { return (F4)_mm_min_ps((__m128)a, (__m128)b); }
+INLINE F4 higher_F4(F4 a, F4 b) { return (F4)_mm_max_ps((__m128)a, (__m128)b); }
+INLINE F4 all_F4(float v) { return (F4)_mm_set1_ps(v); }
+INLINE uint32_t less_F4(F4 a, F4 b) { return (uint32_t)_mm_movemask_ps(_mm_cmplt_ps((__m128)a, (__m128)b)); }
+INLINE uint32_t upto_F4(F4 a, F4 b) { return (uint32_t)_mm_movemask_ps(_mm_cmple_ps((__m128)a, (__m128)b)); }
+#endif
+/* Is any of three of them over 0? */
+INLINE bool any_over(D4 v) {
+#if defined(__AVX512VL__)
+    return _mm256_cmp_pd_mask((__m256d)v, _mm256_setzero_pd(), _CMP_GT_OQ) & 7;
+#elif defined(__AVX__)
+    return _mm256_movemask_pd(_mm256_cmp_pd((__m256d)v, _mm256_setzero_pd(), _CMP_GT_OQ)) & 7;
+#else
+    return (v[0] > 0) | (v[1] > 0) | (v[2] > 0);
+#endif
+}
+
+/* Children that wait, eight at once: numbers of 64 bits, above where a child is entered, below which it is. */
+enum { WAITS_ATONCE = 8 };
+#if defined(__AVX512VL__)
+#define WAITS_BY_LANES 1
+/* Those of the children m come first, then what lies below all. */
+INLINE void waits_of(F8 enter, const int32_t *child, uint32_t m, int64_t *to) {
+    const __m512i at = _mm512_set_epi32(23, 7, 22, 6, 21, 5, 20, 4, 19, 3, 18, 2, 17, 1, 16, 0),
+                  both = _mm512_permutex2var_epi32(_mm512_castsi256_si512(_mm256_load_si256((const __m256i *)child)),
+                                                   at, _mm512_castsi256_si512((__m256i)enter));
+    _mm512_store_si512(to, _mm512_mask_compress_epi64(_mm512_set1_epi64(INT64_MIN), (__mmask8)m, both));
+}
+/* Bit k: waits[k] <= most. */
+INLINE uint32_t waits_upto(const int64_t *waits, int64_t most) {
+    return _mm512_cmple_epi64_mask(_mm512_loadu_si512(waits), _mm512_set1_epi64(most));
+}
+INLINE void waits_copy(const int64_t *from, int64_t *to) { _mm512_storeu_si512(to, _mm512_load_si512(from)); }
+/* The first four, downwards: 0 with 2 and 1 with 3, 0 with 1 and 2 with 3, 1 with 2. */
+INLINE void waits_sort_four(const int64_t *from, int64_t *to) {
+    __m256i v = _mm256_load_si256((const __m256i *)from), other = _mm256_permute4x64_epi64(v, 0x4e);
+    v = _mm256_mask_max_epi64(_mm256_min_epi64(v, other), 3, v, other);
+    other = _mm256_shuffle_epi32(v, 0x4e);
+    v = _mm256_mask_max_epi64(_mm256_min_epi64(v, other), 5, v, other);
+    other = _mm256_permute4x64_epi64(v, 0xd8);
+    v = _mm256_mask_max_epi64(_mm256_mask_min_epi64(v, 4, v, other), 2, v, other);
+    _mm256_storeu_si256((__m256i *)to, v);
+}
+#else
+#define WAITS_BY_LANES 0
+INLINE void waits_of(F8 enter, const int32_t *child, uint32_t m, int64_t *to) {
+    typedef uint32_t U8 __attribute__((vector_size(32)));
+    typedef uint64_t UL8 __attribute__((vector_size(64)));
+    (void)m;
+    *(UL8 *)to = __builtin_convertvector((U8)enter, UL8) << 32 | __builtin_convertvector(*(const U8 *)child, UL8);
+}
+#endif
+
 /* The lowest n bits, n from 1 to 64. */
 #define LOW_BITS(n) (~(uint64_t)0 >> (64 - (n)))
 /* What rays go by (rays.inc.h); measured, they change no answer. */
 enum {
-    PACKET = 8,     /* rays that go together, at least */
-    TRIES = 4,      /* to find such */
-    FEW = 4,        /* rays that leave a packet at a node */
-    FEW_IN_LEAF = 6 /* rays of a packet that meet a leaf one by one */
+    PACKET = 8,      /* rays that go together, at least */
+    TRIES = 4,       /* to find such */
+    FEW = 4,         /* rays that leave a packet at a node */
+    FEW_MIXED = 4,   /* rays that share a node no more, but go on each for itself */
+    LATER = 32,      /* nodes or leaves that wait till then */
+    FEW_IN_LEAF = 6, /* rays of a packet that meet a leaf one by one, */
+    LANES_A_RAY = 11 /* as do more, where lanes times triangles are so many a ray */
 };
+/* Rays from which on MANY are tested at a time: at the root of each for itself, and where they share nodes; 65: never.
+ */
+#if defined(__AVX512VL__)
+enum { MANY_EACH = 12, MANY_MIXED = 28 };
+#elif defined(__AVX__)
+enum { MANY_EACH = 12, MANY_MIXED = 65 };
+#else
+enum { MANY_EACH = 65, MANY_MIXED = 65 };
+#endif
 #define SPREAD 0.25f /* of the slopes of a packet's rays */
 #define NEAR 0.25    /* of the mesh's largest coordinate: how far apart rays begin that share nodes */
 enum { RAYS = 64, MANY = sizeof(Many) / sizeof(float) };

@@ -110,7 +110,14 @@ INLINE void meet_packet(const BvhScene *s, int32_t leaf, const Packet *p, Rays *
     Leaf now;
     if (s->moved) moved_leaf(s, l, &now), l = &now;
     const int kx = p->axis[0], ky = p->axis[1], kz = p->axis[2];
-    for (uint32_t left = ~beside_all(l, p) & 255; left; left &= left - 1) {
+    uint32_t left = ~beside_all(l, p) & 255, lanes = 0;
+    for (uint32_t k = 0; k < RAYS; k += GROUP) lanes += who >> k & LOW_BITS(GROUP) ? GROUP : 0;
+    /* Few rays are sooner through with eight triangles each than the triangles that are left with all lanes. */
+    if (LANES_A_RAY * (uint32_t)__builtin_popcountll(who) <= lanes * (uint32_t)__builtin_popcount(left)) {
+        meet_rays(l, r, who);
+        return;
+    }
+    for (; left; left &= left - 1) {
         const int i = __builtin_ctz(left);
         if (l->triangle[i] < 0) continue;
         for (uint32_t k = 0; k < RAYS; k += GROUP) {
@@ -157,7 +164,7 @@ INLINE void meet_packet(const BvhScene *s, int32_t leaf, const Packet *p, Rays *
 }
 
 /* False, and nothing done, where they are too far apart. */
-static bool descend_packet(const BvhScene *s, Rays *r, uint64_t who, bool any) {
+static bool descend_packet(const BvhScene *s, Rays *r, Turns *w, uint64_t who, bool any) {
     typedef struct {
         float at[8];
     } Enters;
@@ -177,20 +184,20 @@ static bool descend_packet(const BvhScene *s, Rays *r, uint64_t who, bool any) {
         uint32_t hit = before_all(n, &p, &in), bottom = depth;
         memcpy(&enter, &in, sizeof enter);
         for (; hit; hit &= hit - 1) {
-            const struct Branch w = {enter.at[__builtin_ctz(hit)], at, (uint32_t)__builtin_ctz(hit), here};
-            fetch(s, n->child[w.child]);
+            const struct Branch b = {enter.at[__builtin_ctz(hit)], at, (uint32_t)__builtin_ctz(hit), here};
+            fetch(s, n->child[b.child]);
             uint32_t i = depth++;
-            for (; i > bottom && stack[i - 1].enter < w.enter; i--) stack[i] = stack[i - 1];
-            stack[i] = w;
+            for (; i > bottom && stack[i - 1].enter < b.enter; i--) stack[i] = stack[i - 1];
+            stack[i] = b;
         }
         /* Until another node is entered. */
         for (;;) {
             if (!depth) return true;
-            const struct Branch *w = &stack[--depth];
-            if (w->enter > p.end) continue;
-            n = &s->bvh->node[w->node];
-            const int32_t child = n->child[w->child];
-            here = pass_box(n, w->child, &p, r, w->who & who);
+            const struct Branch *b = &stack[--depth];
+            if (b->enter > p.end) continue;
+            n = &s->bvh->node[b->node];
+            const int32_t child = n->child[b->child];
+            here = pass_box(n, b->child, &p, r, b->who & who);
             if (!here) continue;
             const int many = __builtin_popcountll(here);
             if (child < 0) {
@@ -199,8 +206,11 @@ static bool descend_packet(const BvhScene *s, Rays *r, uint64_t who, bool any) {
             } else if (many > FEW) {
                 at = (uint32_t)child;
                 break;
-            } else if (many > 1) descend_mixed(s, r, here, child, any);
-            else descend_each(s, r, here, child, any);
+            } else if (many > 1) descend_mixed(s, r, w, here, child, any);
+            else {
+                leave_each(s, r, w, here, child, b->enter, any);
+                continue;
+            }
             for (uint64_t k = any ? here : 0; k; k &= k - 1)
                 if (r->triangle[__builtin_ctzll(k)] >= 0) who &= ~(k & -k);
             if (!who) return true;

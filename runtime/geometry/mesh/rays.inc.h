@@ -14,15 +14,29 @@
 #undef flt
 #undef FN
 #undef Flt8
+#undef Flt4
+#undef Part
+#undef PART
 #define FN_JOIN(a, b) a##_##b
 #if F64
 #define FN(a) FN_JOIN(a, f64)
 #define flt double
 #define Flt8 D8
+#define Part Some
+#define PART(f) f##_some
+#define Flt4 D4
 #else
 #define FN(a) FN_JOIN(a, f32)
 #define flt float
 #define Flt8 F8
+#if defined(__AVX__) || !defined(__SSE2__)
+#define Part F8
+#define PART(f) f##_F8
+#else
+#define Part F4
+#define PART(f) f##_F4
+#endif
+#define Flt4 F4
 #endif
 #define Leaf FN(BvhLeafOf)
 #define Group FN(BvhGroup)
@@ -33,17 +47,23 @@
 #define set_group FN(set_group)
 #define set_rays FN(set_rays)
 #define inside FN(inside)
-#define meet_leaf FN(meet_leaf)
+#define may_meet FN(may_meet)
+#define meet_one FN(meet_one)
+#define meet_those FN(meet_those)
 #define moved_leaf FN(moved_leaf)
 #define take FN(take)
 #define pass_boxes FN(pass_boxes)
+#define pass_many FN(pass_many)
+#define meet_rays FN(meet_rays)
 #define meet_each FN(meet_each)
 #define fetch FN(fetch)
 #define all FN(all)
 #define wide FN(wide)
 #define of_wide FN(of_wide)
+#define wide4 FN(wide4)
 #define same_way FN(same_way)
 #define search FN(search)
+#define after FN(after)
 
 /* Group: rays that are worked on at once; Whole: what its comparisons give; Narrow: as many floats. */
 #if F64
@@ -91,7 +111,13 @@ INLINE uint32_t set_group(Rays *r, const BvhScene *s, uint32_t k) {
                 first = ~(last | middle);
     const Group dz = (Group)((first & (Whole)d[0]) | (middle & (Whole)d[1]) | (last & (Whole)d[2])),
                 dx = (Group)((first & (Whole)d[1]) | (middle & (Whole)d[2]) | (last & (Whole)d[0])),
-                dy = (Group)((first & (Whole)d[2]) | (middle & (Whole)d[0]) | (last & (Whole)d[1])), sz = 1 / dz;
+                dy = (Group)((first & (Whole)d[2]) | (middle & (Whole)d[0]) | (last & (Whole)d[1]));
+#if F64
+    const Group sz = 1 / dz;
+#else
+    const Group over[3] = {1 / d[0], 1 / d[1], 1 / d[2]};
+    const Group sz = (Group)((first & (Whole)over[0]) | (middle & (Whole)over[1]) | (last & (Whole)over[2]));
+#endif
     fine &= less(sz, none + huge) & less(none - huge, sz);
     *(Group *)(r->sx + k) = dx / dz, *(Group *)(r->sy + k) = dy / dz, *(Group *)(r->sz + k) = sz;
     /* Corners less origins are rounded, then sheared: a few units in the last place of the longest of them; in floats a
@@ -102,18 +128,22 @@ INLINE uint32_t set_group(Rays *r, const BvhScene *s, uint32_t k) {
     const Whole exponent = (Whole)dz & ((Whole){0} + 0x7ff0000000000000);
     const Group scale = (Group)exponent, against = (Group)(0x7fe0000000000000 - exponent); /* powers of two */
 #else
-    const Group scale = (Group){0} + 1, against = scale;
+    const Group scale = (Group){0} + 1;
 #endif
     *(Group *)(r->scale + k) = scale;
     typedef int32_t Ways __attribute__((vector_size(4 * GROUP)));
     Whole way = (middle & 1) | (last & 2);
     for (int a = 0; a < 3; a++) {
-        const Group o = *(const Group *)(r->o[a] + k), inverse = 1 / (d[a] * against);
-        const Whole down = under(inverse, none);
+        const Group o = *(const Group *)(r->o[a] + k);
+        const Whole down = (Whole)d[a] < 0; /* -0 as well: its inverse is negative */
         const Group outwards = (Group)((Whole)wide ^ (down & sign));
         *(Narrow *)(r->near[a] + k) = __builtin_convertvector(o + outwards, Narrow);
         *(Narrow *)(r->far[a] + k) = __builtin_convertvector(o - outwards, Narrow);
-        *(Narrow *)(r->inverse[a] + k) = __builtin_convertvector(inverse, Narrow);
+#if F64
+        *(Narrow *)(r->inverse[a] + k) = 1 / __builtin_convertvector(d[a] * against, Narrow);
+#else
+        *(Narrow *)(r->inverse[a] + k) = over[a];
+#endif
         way |= down & (4 << a);
         *(Ways *)(r->down[a] + k) = __builtin_convertvector(down & (int)BVH_UPPER, Ways);
     }
@@ -129,6 +159,7 @@ INLINE uint32_t set_group(Rays *r, const BvhScene *s, uint32_t k) {
 INLINE uint64_t set_rays(Rays *r, const BvhScene *s, const flt *rays, uint64_t mask, uint32_t width) {
     flt *const row[8] = {r->o[0], r->o[1], r->o[2], r->d[0], r->d[1], r->d[2], r->t0, r->t};
     uint64_t fine = 0;
+    for (size_t line = 0; line < 8 * width * sizeof(flt); line += 64) __builtin_prefetch((const char *)rays + line);
     for (uint32_t k = 0; k < width; k += GROUP) {
         if (!(mask >> k & LOW_BITS(GROUP))) continue;
         for (uint32_t c = 0; c < 8; c++) {
@@ -144,6 +175,9 @@ INLINE uint64_t set_rays(Rays *r, const BvhScene *s, const flt *rays, uint64_t m
 
 /* ---- triangles */
 
+/* Looked up: of rays that go apart nobody guesses it. */
+static const uint8_t after[3] = {1, 2, 0};
+
 /* What is under a child will be read soon. */
 INLINE void fetch(const BvhScene *s, int32_t child) {
     const char *from =
@@ -155,9 +189,11 @@ INLINE void fetch(const BvhScene *s, int32_t child) {
 #if F64
 INLINE D8 wide(D8 v) { return v; }
 INLINE D8 of_wide(D8 v) { return v; }
+INLINE D4 wide4(D4 v) { return v; }
 #else
 INLINE D8 wide(F8 v) { return wide_F8(v); }
 INLINE F8 of_wide(D8 v) { return narrow_D8(v); }
+INLINE D4 wide4(F4 v) { return wide_F4(v); }
 #endif
 INLINE Flt8 all(flt v) { return (Flt8){v, v, v, v, v, v, v, v}; }
 
@@ -187,32 +223,53 @@ INLINE void take(Rays *r, uint32_t k, flt t, double before, int32_t triangle) {
     r->end[k] = outwards_of(t * r->scale[k]);
 }
 
-/* Ray k against eight triangles. */
-INLINE void meet_leaf(const Leaf *l, Rays *r, uint32_t k) {
-    const int kz = r->way[k] & 3, kx = kz < 2 ? kz + 1 : 0, ky = kx < 2 ? kx + 1 : 0;
+/* Which of eight triangles ray k may meet: as many at once as a register holds. */
+INLINE uint32_t may_meet(const Leaf *l, const Rays *r, uint32_t k) {
+    const int kz = r->way[k] & 3, kx = after[kz], ky = after[kx];
     const flt sx = r->sx[k], sy = r->sy[k], sz = r->sz[k];
-    Flt8 x[3], y[3], z[3];
-    for (int c = 0; c < 3; c++) {
-        const Flt8 along = *(const Flt8 *)l->at[c][kz] - r->o[kz][k];
-        x[c] = (*(const Flt8 *)l->at[c][kx] - r->o[kx][k]) - sx * along;
-        y[c] = (*(const Flt8 *)l->at[c][ky] - r->o[ky][k]) - sy * along;
-        z[c] = sz * along;
+    uint32_t may = 0;
+    for (uint32_t i = 0; i < BVH_LEAF; i += sizeof(Part) / sizeof(flt)) {
+        Part x[3], y[3], z[3];
+        for (int c = 0; c < 3; c++) {
+            const Part along = *(const Part *)(l->at[c][kz] + i) - r->o[kz][k];
+            x[c] = (*(const Part *)(l->at[c][kx] + i) - r->o[kx][k]) - sx * along;
+            y[c] = (*(const Part *)(l->at[c][ky] + i) - r->o[ky][k]) - sy * along;
+            z[c] = sz * along;
+        }
+        uint32_t plus = 0, minus = 0;
+        for (int c = 0; c < 3; c++) {
+            const Part one = x[(c + 1) % 3] * y[(c + 2) % 3], other = y[(c + 1) % 3] * x[(c + 2) % 3];
+            plus |= PART(less)(other, one), minus |= PART(less)(one, other);
+        }
+        const Part low = PART(lower)(z[2], PART(lower)(z[1], z[0])),
+                   high = PART(higher)(z[2], PART(higher)(z[1], z[0]));
+        may |= (~(plus & minus) & PART(upto)(low, PART(all)(r->t[k])) & PART(upto)(PART(all)(r->t0[k]), high)) << i;
     }
-    uint32_t plus = 0, minus = 0;
-    for (int c = 0; c < 3; c++) {
-        const Flt8 one = x[(c + 1) % 3] * y[(c + 2) % 3], other = y[(c + 1) % 3] * x[(c + 2) % 3];
-        plus |= less(other, one), minus |= less(one, other);
-    }
-    const Flt8 low = lower(z[2], lower(z[1], z[0])), high = higher(z[2], higher(z[1], z[0]));
-    uint32_t may = ~(plus & minus) & upto(low, all(r->t[k])) & upto(all(r->t0[k]), high);
-    if (!may) return;
-    Flt8 t;
-    D8 before;
-    may &= inside(x, y, z, low, high, &t, &before);
-    for (; may; may &= may - 1) {
-        const uint32_t i = (uint32_t)__builtin_ctz(may);
-        take(r, k, t[i], before[i], l->triangle[i]);
-    }
+    return may;
+}
+
+/* Ray k against triangle i. */
+INLINE void meet_one(const Leaf *l, Rays *r, uint32_t k, uint32_t i) {
+    const int kz = r->way[k] & 3, kx = after[kz], ky = after[kx];
+#define CORNERS(axis) ((Flt4){l->at[0][axis][i], l->at[1][axis][i], l->at[2][axis][i], 0} - r->o[axis][k])
+    const Flt4 along = CORNERS(kz), z = r->sz[k] * along;
+    const D4 x = wide4(CORNERS(kx) - r->sx[k] * along), y = wide4(CORNERS(ky) - r->sy[k] * along);
+#undef CORNERS
+    const D4 e = __builtin_shufflevector(x, x, 1, 2, 0, 3) * __builtin_shufflevector(y, y, 2, 0, 1, 3) -
+                 __builtin_shufflevector(y, y, 1, 2, 0, 3) * __builtin_shufflevector(x, x, 2, 0, 1, 3);
+    if (any_over(e) == any_over(-e)) return;
+    const D4 parts = e * wide4(z);
+    const double sum = (e[0] + e[1]) + e[2], at = (parts[0] + parts[1]) + parts[2];
+    const double before = at / sum;
+    flt low = z[1] < z[0] ? z[1] : z[0], high = z[1] > z[0] ? z[1] : z[0], t = (flt)before;
+    low = z[2] < low ? z[2] : low, high = z[2] > high ? z[2] : high;
+    t = low > t ? low : t;
+    take(r, k, high < t ? high : t, before, l->triangle[i]);
+}
+
+/* Ray k against the triangles `may`, seldom more than one. */
+INLINE void meet_those(const Leaf *l, Rays *r, uint32_t k, uint32_t may) {
+    for (; may; may &= may - 1) meet_one(l, r, k, (uint32_t)__builtin_ctz(may));
 }
 
 /* The same triangles where vertices are not those of the tree. */
@@ -231,12 +288,23 @@ static void moved_leaf(const BvhScene *s, const Leaf *l, Leaf *now) {
     }
 }
 
-/* Rays against a leaf, one after the other. */
+/* Rays against eight triangles, one after the other. */
+INLINE void meet_rays(const Leaf *l, Rays *r, uint64_t who) {
+    uint8_t met[RAYS], may[RAYS];
+    uint32_t mets = 0;
+    for (; who; who &= who - 1) {
+        const uint32_t k = (uint32_t)__builtin_ctzll(who), these = may_meet(l, r, k);
+        met[mets] = (uint8_t)k, may[mets] = (uint8_t)these;
+        mets += these != 0;
+    }
+    for (uint32_t i = 0; i < mets; i++) meet_those(l, r, met[i], may[i]);
+}
+
 INLINE void meet_each(const BvhScene *s, Rays *r, uint64_t who, int32_t leaf) {
     const Leaf *l = (const Leaf *)s->bvh->leaf + leaf;
     Leaf now;
     if (s->moved) moved_leaf(s, l, &now), l = &now;
-    for (; who; who &= who - 1) meet_leaf(l, r, (uint32_t)__builtin_ctzll(who));
+    meet_rays(l, r, who);
 }
 
 /* Which boxes of the node ray k passes. */
@@ -254,6 +322,46 @@ INLINE uint32_t pass_boxes(const BvhNode *n, const Rays *r, uint32_t k, F8 *ente
     return upto(in, out);
 }
 
+/* Which of the rays pass which of the node's boxes, MANY rays at a time, and, unless any will do, where the first
+ * enters. */
+INLINE void pass_many(const BvhNode *n, const Rays *r, uint64_t who, uint64_t passed[BVH_WIDTH],
+                      float nearest[BVH_WIDTH], bool any) {
+    union {
+        Bits some[BVH_WIDTH][RAYS / MANY];
+        uint64_t all[BVH_WIDTH];
+    } pass = {.all = {0}};
+    Many first[BVH_WIDTH];
+    for (int c = 0; c < BVH_WIDTH; c++) first[c] = (Many){0} + HUGE_VALF;
+    for (uint32_t k = 0; k < RAYS; k += MANY) {
+        const uint64_t these = who >> k & LOW_BITS(MANY);
+        if (!these) continue;
+        Lanes down[3];
+        Many near[3], far[3], inverse[3];
+        for (int a = 0; a < 3; a++) {
+            down[a] = lanes_not_0(r->down[a] + k), inverse[a] = *(const Many *)(r->inverse[a] + k);
+            near[a] = *(const Many *)(r->near[a] + k), far[a] = *(const Many *)(r->far[a] + k);
+        }
+        /* The others pass nothing. */
+        const Many begin = chosen(these, *(const Many *)(r->begin + k), (Many){0} + HUGE_VALF),
+                   end = chosen(these, *(const Many *)(r->end + k), (Many){0} - HUGE_VALF);
+        for (int c = 0; c < BVH_WIDTH; c++) {
+            Many in = begin, out = end;
+            for (int a = 0; a < 3; a++) {
+                const Many lo = all_Many(n->lo[a][c]), hi = all_Many(n->hi[a][c]);
+                in = higher((either(down[a], hi, lo) - near[a]) * inverse[a], in);
+                out = lower((either(down[a], lo, hi) - far[a]) * inverse[a], out);
+            }
+            const Bits m = (Bits)upto(in, out);
+            pass.some[c][k / MANY] = m;
+            if (!any) first[c] = chosen(m, lower(in, first[c]), first[c]);
+        }
+    }
+    for (int c = 0; c < BVH_WIDTH; c++) {
+        passed[c] = pass.all[c];
+        nearest[c] = any ? HUGE_VALF : least_of(first[c]);
+    }
+}
+
 #include "turns.inc.h"
 
 #include "mixed.inc.h"
@@ -269,16 +377,19 @@ INLINE uint64_t same_way(const Rays *r, uint32_t k, uint64_t left) {
 
 static void search(const BvhScene *s, const void *rays, uint64_t mask, uint32_t width, bool any, int32_t *witness) {
     Rays r;
+    Turns w;
+    turns_set(&w, s);
     const uint64_t fine = set_rays(&r, s, rays, mask, width);
     uint64_t apart = 0, left = fine;
     for (int tries = 0; __builtin_popcountll(left) >= PACKET && tries < TRIES; tries++) {
         const uint64_t same = same_way(&r, (uint32_t)__builtin_ctzll(left), left);
-        if (__builtin_popcountll(same) < PACKET || !descend_packet(s, &r, same, any)) apart |= same;
+        if (__builtin_popcountll(same) < PACKET || !descend_packet(s, &r, &w, same, any)) apart |= same;
         left &= ~same;
     }
     apart |= left;
-    if (__builtin_popcountll(apart) >= PACKET && near_each_other(s, &r, apart)) descend_mixed(s, &r, apart, 0, any);
-    else descend_each(s, &r, apart, 0, any);
+    if (__builtin_popcountll(apart) >= PACKET && near_each_other(s, &r, apart)) descend_mixed(s, &r, &w, apart, 0, any);
+    else if (apart) descend_each(s, &r, &w, apart, any);
+    if (w.later) finish_each(s, &r, &w, w.later, any);
     for (uint32_t k = 0; k < width; k++)
         witness[k] = !(fine >> k & 1) || r.triangle[k] < 0 ? SLT_WITNESS_NONE : any ? 0 : r.triangle[k];
 }
