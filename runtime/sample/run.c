@@ -59,7 +59,7 @@ void run_end(Run *r, SltStats *stats) {
 bool run_is_coarse(const Run *r) { return scene_outputs(r->s, SLT_K_EVENT, SLT_OUT_WINDOW) && !r->grid.integral; }
 
 bool run_is_long(const Run *r, double samples) {
-    enum { LONG = 1 << 20 }; /* instructions: a fifth of a millisecond */
+    enum { LONG = 1 << 26 }; /* instructions, of one lane: by vectors a millisecond */
     return samples * r->s->work > LONG;
 }
 
