@@ -50,6 +50,7 @@ typedef struct Emit {
     } runs;               /* lanes side by side whose adjoints go to one place: emit_param.c */
     bool spread;          /* lanes are not those of samples, but of what emit_spread has listed */
     Part *val;            /* by id * P + part */
+    uint32_t *uses;       /* by id; NULL: nobody has asked */
     ChunkState *chunks;   /* of a straight-line program in chunks; NULL: it is not */
     uint64_t frame_bytes; /* of local arrays so far */
     uint32_t since_split; /* instructions since the current block began */
@@ -132,6 +133,10 @@ bool emit_beside(Emit *e, Inst *i, Part base, const Part *index, uint64_t readab
 /* ---- emit_spread.c: a loop over items of all lanes, one over frames; false: the loop is another */
 bool emit_spread(Emit *e, Inst *loop);
 bool emit_spread_frames(Emit *e, Inst *loop);
+
+/* ---- emit_root.c: a root that is only compared with a number that lanes share */
+/* What is under the root, and the bound that it is below instead; NULL: i is no such comparison. */
+const Inst *emit_compared_root(Emit *e, const Inst *i, Part *bound);
 
 /* ---- emit_array.c: local arrays */
 void emit_alloc(Emit *e, Inst *i);

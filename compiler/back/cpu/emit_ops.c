@@ -289,19 +289,27 @@ void emit_value_op(Emit *e, Inst *i) {
 
 /* One part after the other: what is between lives in few registers, whatever the width. */
 void emit_value_run(Emit *e, Inst *const *run, uint32_t n) {
-    Part(*same)[3] = arena_alloc(e->arena, (n + 1) * sizeof *same); /* operands that all parts share */
-    for (uint32_t k = 0; k < n; k++)
+    Part(*same)[3] = arena_alloc(e->arena, (n + 1) * sizeof *same);      /* operands that all parts share */
+    const Inst **first = arena_alloc(e->arena, (n + 1) * sizeof *first); /* operand 0, where it is another's */
+    for (uint32_t k = 0; k < n; k++) {
+        Part bound;
+        first[k] = emit_compared_root(e, run[k], &bound);
+        if (first[k]) {
+            same[k][0] = NULL, same[k][1] = emit_splat(e, bound); /* nothing reads the root: LLVM drops it */
+            continue;
+        }
         for (uint32_t j = 0; j < run[k]->nargs; j++) {
             const Inst *x = run[k]->args[j];
             bool picks = ir_ops[run[k]->op].selects && j == 0; /* a uniform condition selects whole vectors */
             if (emit_is_vector(e, x)) same[k][j] = NULL;
             else same[k][j] = picks ? emit_scalar(e, x) : emit_splat(e, emit_scalar(e, x));
         }
+    }
     for (uint32_t p = 0; p < e->P; p++)
         for (uint32_t k = 0; k < n; k++) {
             Part x[3] = {NULL, NULL, NULL};
             for (uint32_t j = 0; j < run[k]->nargs; j++)
-                x[j] = same[k][j] ? same[k][j] : emit_slot(e, run[k]->args[j])[p];
+                x[j] = same[k][j] ? same[k][j] : emit_slot(e, j == 0 && first[k] ? first[k] : run[k]->args[j])[p];
             emit_slot(e, run[k])[p] = value_part(e, run[k], x);
         }
 }
