@@ -339,13 +339,13 @@ static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
     for (uint32_t ch = 0; ch < SLT_MAX_CHANNELS; ch++) p->f_error[ch] += c->moved[ch];
     sweep_merge_sums(p, v, p->errors ? SUM_RULES : SUM_ONE, terms);
     p->sums.roots = p->sums.curves = 0;
-    for (uint64_t i = 0; i < v->nbeside && !p->worker[0].failed; i++) {
-        p->worker[0].failed |= !sweep_room_beside(&p->beside, p->nbeside, &p->beside_cap);
-        if (!p->worker[0].failed) p->beside[p->nbeside++] = v->beside[i];
+    for (uint64_t i = 0; i < v->nbeside && !p->failed; i++) {
+        p->failed |= !sweep_room_beside(&p->beside, p->nbeside, &p->beside_cap);
+        if (!p->failed) p->beside[p->nbeside++] = v->beside[i];
     }
     if (!v->nleft) return;
     if (!grow((void **)&p->left, p->nleft + v->nleft, &p->left_cap, sizeof *p->left)) {
-        p->worker[0].failed = true;
+        p->failed = true;
         return;
     }
     memcpy(p->left + p->nleft, v->left, v->nleft * sizeof *v->left);
@@ -461,6 +461,8 @@ static bool choose_worst(Sweep *p, uint64_t used, uint64_t spare, uint64_t *kept
     return k || (others && paid >= 0);
 }
 
+bool sweep_failed(const Sweep *p) { return p->failed || p->worker[0].failed; }
+
 /* Volume for which nothing is to spare is sampled. */
 static SltStatus end_waiting(Sweep *p) {
     SltStatus st = SLT_OK;
@@ -470,7 +472,7 @@ static SltStatus end_waiting(Sweep *p) {
     p->ends = true;
     st = run_tiles(p->run, p->ntiles, tile_work, tile_merge, p);
     p->ends = false, p->nparents = 0;
-    return st == SLT_OK && p->worker[0].failed ? no_memory(p) : st;
+    return st == SLT_OK && sweep_failed(p) ? no_memory(p) : st;
 }
 
 /* An event may be open in a cell of the least size because bounds are loose there, or around a point: a few more boxes
@@ -490,7 +492,7 @@ static SltStatus deepen(Sweep *p, uint64_t start, uint64_t share) {
         if (!count_left(p, may_be_cut) || !begin_again(p, may_be_cut)) break;
         p->options.budget = spare / p->ntiles, p->options.least = fmax(p->options.least / DEEPER, p->least_ever);
         st = run_tiles(r, p->ntiles, tile_work, tile_merge, p);
-        if (st == SLT_OK && p->worker[0].failed) st = no_memory(p);
+        if (st == SLT_OK && sweep_failed(p)) st = no_memory(p);
     }
     p->counts.spent = spent, p->options.least = least, p->nparents = 0;
     return st;
@@ -537,7 +539,7 @@ SltStatus sweep_run(Sweep *p) {
         p->options.budget = p->budget ? (share > used + kept ? share - used - kept : 0) / p->ntiles + 1 : 0;
         p->counts.spent = false, p->options.returns = !p->options.last;
         st = run_tiles(r, p->ntiles, tile_work, tile_merge, p);
-        if (st == SLT_OK && p->worker[0].failed) st = no_memory(p);
+        if (st == SLT_OK && sweep_failed(p)) st = no_memory(p);
         used = r->stats.evaluations - start;
         p->counts.spent |= p->options.last || p->worst > 0; /* some were held back */
         bool more = st == SLT_OK && p->counts.spent;
@@ -569,7 +571,7 @@ SltStatus sweep_run(Sweep *p) {
     p->gave_up = left > p->only_if_left;
     if (st == SLT_OK && p->nleft && !p->gave_up && p->only_if_cost > 0)
         p->gave_up = sweep_march_is_dear(p, r->stats.evaluations - start);
-    if (st == SLT_OK && p->worker[0].failed) st = no_memory(p);
+    if (st == SLT_OK && sweep_failed(p)) st = no_memory(p);
     if (st == SLT_OK && !p->gave_up) st = sweep_sample_beside(p);
     if (st == SLT_OK && p->nleft && !p->gave_up) {
         p->mixed = true;

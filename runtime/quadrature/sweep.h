@@ -66,6 +66,7 @@ typedef struct Sweep {
     double f[SLT_MAX_CHANNELS], f_error[SLT_MAX_CHANNELS], f_variance[SLT_MAX_CHANNELS]; /* SWEEP_INTEGRAL: the value */
     double f_hidden[SLT_MAX_CHANNELS]; /* what cells whose volume is only sampled can hide of it, at most */
     bool gave_up;                      /* it has ended so */
+    bool failed;                       /* memory ran out where tiles are merged */
     bool short_of_volume;              /* evaluations ran out where curves were known, but not the volume beside them */
     double loss;                       /* SWEEP_LOSS: sum over pixels and channels */
     double left_bound; /* what is left can hide of the value of any channel, at most; infinite: not bounded */
@@ -100,6 +101,8 @@ typedef struct Sweep {
     double gone[SLT_MAX_CHANNELS];   /* what lines there could not integrate: sums_gone */
     double narrow[SLT_MAX_CHANNELS]; /* what boundary cells may hold that are narrower than floats tell apart */
 } Sweep;
+/* Between runs of tiles: has memory run out? A worker says so of what it did on its own. */
+bool sweep_failed(const Sweep *p);
 /* The members above `sums` are the caller's; `run` has begun. */
 SltStatus sweep_begin(Sweep *p);
 void sweep_end(Sweep *p);

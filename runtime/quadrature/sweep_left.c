@@ -292,7 +292,7 @@ SltStatus sweep_work_off_left(Sweep *p, uint64_t start) {
     if (r->j->max_evaluations) look = fmin(look, LEFT_LOOKS * spare);
     p->cuts = p->hides && left_hides(&p->worker[0], look);
     began = r->stats.evaluations;
-    if (p->worker[0].failed) st = status_fail(r->err, SLT_LIMIT, "out of memory");
+    if (sweep_failed(p)) st = status_fail(r->err, SLT_LIMIT, "out of memory");
     for (uint32_t k = p->marches || !p->budget ? PARTS - 1 : 0; k < PARTS && st == SLT_OK; k++) {
         uint64_t to = k + 1 < PARTS ? (uint64_t)(upto[k] * (double)chunks) : chunks, from = p->first_chunk;
         used = r->stats.evaluations - start;
