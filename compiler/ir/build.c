@@ -209,6 +209,13 @@ uint32_t ir_nresults(const Inst *i) {
     return i->op == OP_loop ? (yield->nargs ? yield->nargs - 1 : 0) : yield->nargs;
 }
 
+void ir_count_uses(const Block *b, uint32_t *uses) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        for (uint32_t a = 0; a < i->nargs; a++) uses[i->args[a]->id]++;
+        for (uint32_t r = 0; r < i->nregions; r++) ir_count_uses(i->region[r], uses);
+    }
+}
+
 bool ir_has(const Block *b, Op op) {
     for (const Inst *i = b->first; i; i = i->next) {
         if (i->op == op) return true;

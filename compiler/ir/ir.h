@@ -248,7 +248,8 @@ void ir_clone_insts(Builder *b, const Block *from, Inst *first, Inst *last_exclu
 void ir_replace_all(Fn *fn, Inst **map);
 void ir_name_outputs(Fn *fn, SltRole role); /* gives all outputs this role, numbered from 0 */
 bool ir_is_const(const Inst *i);
-bool ir_has(const Block *b, Op op); /* in it or in a region below */
+bool ir_has(const Block *b, Op op);                 /* in it or in a region below */
+void ir_count_uses(const Block *b, uint32_t *uses); /* likewise; adds to uses[id] */
 /* 32-bit mixing used for the region hash, the same in kernels (as IR) and in C. */
 uint32_t ir_mix(uint32_t h, uint32_t v);
 Inst *ir_mix_inst(Builder *b, Inst *h, Inst *v);

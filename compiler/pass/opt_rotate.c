@@ -183,13 +183,6 @@ static bool rotate_in(Rotate *r, Block *b) {
     return false;
 }
 
-static void count_uses(const Block *b, uint32_t *uses) {
-    for (const Inst *i = b->first; i; i = i->next) {
-        for (uint32_t a = 0; a < i->nargs; a++) uses[i->args[a]->id]++;
-        for (uint32_t g = 0; g < i->nregions; g++) count_uses(i->region[g], uses);
-    }
-}
-
 bool opt_rotate(PassCtx *ctx, Fn *fn) {
     Arena *scratch = &ctx->session->scratch;
     bool changed = false;
@@ -200,7 +193,7 @@ bool opt_rotate(PassCtx *ctx, Fn *fn) {
         r.twin = ARENA_ARRAY(scratch, Inst *, n), r.leaf = ARENA_ARRAY(scratch, uint32_t, n);
         r.uses = ARENA_ARRAY(scratch, uint32_t, n);
         r.made = ARENA_ARRAY(scratch, bool, n), r.kept = ARENA_ARRAY(scratch, bool, n);
-        count_uses(fn->body, r.uses);
+        ir_count_uses(fn->body, r.uses);
         again = rotate_in(&r, fn->body);
         changed |= again;
         arena_reset(scratch, m);

@@ -1,8 +1,8 @@
 /* A root that is only compared: sqrt(v) < r, or sqrt(v) - r < 0, of a sum of squares v and an r that all lanes share.
- * As rounded, sqrt(v) is below r just where v is below the least float whose root is not. That root is the midpoint of
- * r and the float before it, or above: a number of 25 bits, which doubles hold, and its square of 50. No float is that
- * square itself, since its last bit is odd; so the next float above it is the bound, exactly, and every decision is
- * what it was. Instead of a root a lane, of which an AVX-512 vector takes twenty cycles, it is some scalars. */
+ * As rounded, sqrt(v) is below r just where v is below the least float whose root is not. A root
+ * rounds to r or more from the midpoint of r and the float before it on: a number of 25 bits, which doubles hold, and
+ * its square of 50. No float is that square itself, since its last bit is odd; so the next float above it is the bound,
+ * exactly, and every decision is what it was. Instead of a root a lane it takes some scalars. */
 #include "compiler/back/cpu/emit.h"
 
 enum { TERMS = 4 /* of sums of squares that are looked through */ };
@@ -17,17 +17,10 @@ static bool is_sum_of_squares(const Inst *v, uint32_t depth) {
     }
 }
 
-static void count_uses(const Block *b, uint32_t *uses) {
-    for (const Inst *i = b->first; i; i = i->next) {
-        for (uint32_t a = 0; a < i->nargs; a++) uses[i->args[a]->id]++;
-        for (uint32_t r = 0; r < i->nregions; r++) count_uses(i->region[r], uses);
-    }
-}
-
 static bool is_used_once(Emit *e, const Inst *i) {
     if (!e->uses) {
         e->uses = arena_alloc(e->arena, (e->fn->ninsts + 1) * sizeof *e->uses);
-        count_uses(e->fn->body, e->uses);
+        ir_count_uses(e->fn->body, e->uses);
     }
     return e->uses[i->id] == 1;
 }
