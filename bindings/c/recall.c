@@ -53,7 +53,7 @@ static void *exchange_array(Archive *a, void *array, size_t n, size_t each) {
 static void exchange_kernel(Archive *a, KernelFacts *k, uint32_t ngeometries) {
     EXCHANGE(a, k->made);
     if (!k->made) return;
-    EXCHANGE(a, k->few), EXCHANGE(a, k->plain), EXCHANGE(a, k->tape_grows), EXCHANGE(a, k->level);
+    EXCHANGE(a, k->few), EXCHANGE(a, k->plain), EXCHANGE(a, k->tape_grows);
     EXCHANGE(a, k->lanes), EXCHANGE(a, k->tape_bytes), EXCHANGE(a, k->layout);
     k->queries = exchange_array(a, k->queries, ngeometries, sizeof *k->queries);
 }

@@ -22,7 +22,6 @@ typedef struct KernelFacts {
     bool made;       /* else the program has no use for it, or it was not asked for */
     bool few, plain; /* of BackOptions */
     bool tape_grows;
-    uint8_t level;
     uint32_t lanes;
     uint64_t tape_bytes;
     SltLayout layout;
