@@ -1,8 +1,8 @@
 /* A root that is only compared: sqrt(v) < r, or sqrt(v) - r < 0, of a sum of squares v and an r that all lanes share.
- * As rounded, sqrt(v) is below r just where v is below the least float whose root is not. A root
- * rounds to r or more from the midpoint of r and the float before it on: a number of 25 bits, which doubles hold, and
- * its square of 50. No float is that square itself, since its last bit is odd; so the next float above it is the bound,
- * exactly, and every decision is what it was. Instead of a root a lane it takes some scalars. */
+ * As rounded, sqrt(v) is below r just where v is below the least float whose root is not. Roots round to r, or to more,
+ * from the midpoint of r and the float before it on: a number of 25 bits, which doubles hold, as they do its square, of
+ * 50. No float is that square, since its last bit is odd; so the next float above it is the bound, exactly, and every
+ * decision is what it was. Instead of a root a lane it takes some scalars. */
 #include "compiler/back/cpu/emit.h"
 
 enum { TERMS = 4 /* of sums of squares that are looked through */ };
