@@ -51,21 +51,30 @@ INLINE U product(U a, uint32_t m) {
 #endif
 }
 
-/* Philox 4x32-10: words in the lower halves of lanes, whatever is in the upper ones. */
+/* Philox 4x32-10: words in the lower halves of lanes, whatever is in the upper ones. Two vectors of blocks side by
+ * side: rounds are a chain, of which a processor holds too little to begin the next one in time. */
 static void blocks(uint32_t seed, uint32_t purpose, uint32_t n, const uint32_t *lane, const uint64_t *counter,
                    uint64_t *const words[2]) {
-    enum { ROUNDS = 10 };
+    enum { ROUNDS = 10, SIDE_BY_SIDE = 2 };
     const uint32_t m0 = 0xD2511F53u, m1 = 0xCD9E8D57u, w0 = 0x9E3779B9u, w1 = 0xBB67AE85u;
-    for (uint32_t i = 0; i < n; i += LANES) {
-        U a = LOAD(U, counter + i), b = a >> 32, c = __builtin_convertvector(LOAD(W, lane + i), U), d = {0};
-        uint32_t k0 = seed, k1 = purpose;
-        for (int round = 0; round < ROUNDS; round++, k0 += w0, k1 += w1) {
-            U p = product(a, m0), q = product(c, m1);
-            a = q >> 32 ^ b ^ k0, c = p >> 32 ^ d ^ k1;
-            b = q, d = p;
+    for (uint32_t i = 0; i < n; i += SIDE_BY_SIDE * LANES) {
+        U a[SIDE_BY_SIDE], b[SIDE_BY_SIDE], c[SIDE_BY_SIDE], d[SIDE_BY_SIDE];
+        for (uint32_t v = 0; v < SIDE_BY_SIDE; v++) {
+            a[v] = LOAD(U, counter + i + v * LANES), b[v] = a[v] >> 32;
+            c[v] = __builtin_convertvector(LOAD(W, lane + i + v * LANES), U), d[v] = (U){0};
         }
-        const U low = (a & 0xffffffffu) | b << 32, high = (c & 0xffffffffu) | d << 32;
-        memcpy(words[0] + i, &low, sizeof low), memcpy(words[1] + i, &high, sizeof high);
+        uint32_t k0 = seed, k1 = purpose;
+        for (int round = 0; round < ROUNDS; round++, k0 += w0, k1 += w1)
+            for (uint32_t v = 0; v < SIDE_BY_SIDE; v++) {
+                const U p = product(a[v], m0), q = product(c[v], m1);
+                a[v] = q >> 32 ^ b[v] ^ k0, c[v] = p >> 32 ^ d[v] ^ k1;
+                b[v] = q, d[v] = p;
+            }
+        for (uint32_t v = 0; v < SIDE_BY_SIDE; v++) {
+            const U low = (a[v] & 0xffffffffu) | b[v] << 32, high = (c[v] & 0xffffffffu) | d[v] << 32;
+            memcpy(words[0] + i + v * LANES, &low, sizeof low);
+            memcpy(words[1] + i + v * LANES, &high, sizeof high);
+        }
     }
 }
 
@@ -105,6 +114,17 @@ INLINE D in_filter(SltFilter filter, double radius, double n, D u, D p, D before
     return either(v < from, from, either(v > to, to, v));
 }
 
+INLINE bool are_alike(const uint32_t *count, uint32_t n) {
+    for (uint32_t k = 1; k < n; k++)
+        if (count[k] != *count) return false;
+    return true;
+}
+
+INLINE D placed(const FillAxis *a, SltFilter filter, D u, D p, D before, D mass) {
+    const D v = filter == SLT_FILTER_BOX ? p + u : p + 0.5 + in_filter(filter, a->radius, a->n, u, p, before, mass);
+    return a->lo + v * a->side;
+}
+
 INLINE void put(bool f64, D x, void *to, uint32_t at) {
     if (f64) {
         memcpy((double *)to + at, &x, sizeof x);
@@ -126,21 +146,35 @@ INLINE void place_as(const FillAxis *given, SltFilter filter, bool f64, uint32_t
                 const uint32_t at = r + (uint32_t)i < runs ? (uint32_t)cell[r + (uint32_t)i] : 0;
                 before[i] = a.before[at], mass[i] = a.mass[at];
             }
-            const D v = box ? p + u : p + 0.5 + in_filter(filter, a.radius, a.n, u, p, before, mass);
-            put(f64, a.lo + v * a.side, x, r);
+            put(f64, placed(&a, filter, u, p, before, mass), x, r);
         }
         return;
     }
-    const U first = ramp(a.step);
+    /* Of few samples each, several runs share a vector. */
+    const uint32_t few = runs && (*count == 2 || *count == 4) && *count < LANES ? *count : 0,
+                   many = few ? LANES / few : 1;
+    const U first = ramp(a.step), of_run = ramp(1) >> (few == 4 ? 2 : 1), of_few = first - of_run * (few * a.step);
     const uint64_t step = LANES * a.step;
-    for (uint32_t r = 0, at = 0; r < runs; at += count[r++]) {
+    for (uint32_t r = 0, at = 0; r < runs;) {
+        const uint32_t n = count[r];
+        if (n == few && r + many <= runs && are_alike(count + r, many)) {
+            const U s = __builtin_shuffle(LOAD(U, start + r), of_run) + of_few;
+            const D p = __builtin_shuffle(__builtin_convertvector(LOAD(I, cell + r), D), (L)of_run);
+            D before = {0}, mass = {0};
+            for (uint32_t i = 0; !box && i < LANES; i++) {
+                const uint32_t in = (uint32_t)cell[r + i / few];
+                before[i] = a.before[in], mass[i] = a.mass[in];
+            }
+            put(f64, placed(&a, filter, unit(s), p, before, mass), x, at);
+            r += many, at += LANES;
+            continue;
+        }
         const D p = all((double)cell[r]), before = all(box ? 0 : a.before[cell[r]]),
                 mass = all(box ? 0 : a.mass[cell[r]]);
         U s = start[r] + first;
-        for (uint32_t i = 0; i < count[r]; i += LANES, s += step) {
-            const D v = box ? p + unit(s) : p + 0.5 + in_filter(filter, a.radius, a.n, unit(s), p, before, mass);
-            put(f64, a.lo + v * a.side, x, at + i);
-        }
+        for (uint32_t i = 0; i < n; i += LANES, s += step)
+            put(f64, placed(&a, filter, unit(s), p, before, mass), x, at + i);
+        r++, at += n;
     }
 }
 
@@ -182,12 +216,56 @@ static void spread(uint32_t runs, const uint32_t *count, const void *values, uin
 SUM_SINGLE(sum_single_f32, float)
 SUM_SINGLE(sum_single_f64, double)
 
+/* One run a lane. */
+enum { RUNS = LANES < 4 ? 4 : LANES };
 typedef float F4 __attribute__((vector_size(16)));
-typedef double D4 __attribute__((vector_size(32)));
+typedef float FR __attribute__((vector_size(4 * RUNS)));
+typedef double DR __attribute__((vector_size(8 * RUNS)));
 
-/* Of four runs at a time, one a lane: each is a chain of additions that wait for each other. */
+INLINE DR widened(FR x) {
+#if defined(__AVX512DQ__)
+    return (DR)_mm512_cvtps_pd((__m256)x); /* compilers take __builtin_convertvector apart */
+#elif defined(__AVX2__)
+    return (DR)_mm256_cvtps_pd((__m128)x);
+#else
+    return __builtin_convertvector(x, DR);
+#endif
+}
+
+#if defined(__AVX512DQ__)
+/* Four numbers of a run, and four of the fourth one behind it; of two such the first of both, or the last. */
+#define QUADS(f, n) __builtin_shufflevector(LOAD(F4, f), LOAD(F4, (f) + 4 * (n)), 0, 1, 2, 3, 4, 5, 6, 7)
+#define ZIP_LOW(a, b) __builtin_shufflevector(a, b, 0, 8, 1, 9, 4, 12, 5, 13)
+#define ZIP_HIGH(a, b) __builtin_shufflevector(a, b, 2, 10, 3, 11, 6, 14, 7, 15)
+#define JOIN_LOW(a, b) __builtin_shufflevector(a, b, 0, 1, 8, 9, 4, 5, 12, 13)
+#define JOIN_HIGH(a, b) __builtin_shufflevector(a, b, 2, 3, 10, 11, 6, 7, 14, 15)
+#define EVEN(a, b) __builtin_shufflevector(a, b, 0, 2, 4, 6, 8, 10, 12, 14)
+#define ODD(a, b) __builtin_shufflevector(a, b, 1, 3, 5, 7, 9, 11, 13, 15)
+#else
+#define QUADS(f, n) LOAD(F4, f)
+#define ZIP_LOW(a, b) __builtin_shufflevector(a, b, 0, 4, 1, 5)
+#define ZIP_HIGH(a, b) __builtin_shufflevector(a, b, 2, 6, 3, 7)
+#define JOIN_LOW(a, b) __builtin_shufflevector(a, b, 0, 1, 4, 5)
+#define JOIN_HIGH(a, b) __builtin_shufflevector(a, b, 2, 3, 6, 7)
+#define EVEN(a, b) __builtin_shufflevector(a, b, 0, 2, 4, 6)
+#define ODD(a, b) __builtin_shufflevector(a, b, 1, 3, 5, 7)
+#endif
+
+INLINE DR sums_at(const double *to, uint32_t stride) {
+    if (stride == 1) return LOAD(DR, to);
+    DR sum;
+    for (uint32_t k = 0; k < RUNS; k++) sum[k] = to[k * stride];
+    return sum;
+}
+INLINE void put_sums(DR sum, double *to, uint32_t stride) {
+    if (stride == 1) memcpy(to, &sum, sizeof sum);
+    else
+        for (uint32_t k = 0; k < RUNS; k++) to[k * stride] = sum[k];
+}
+
+/* Of as many runs at a time as there are lanes: each is a chain of additions that wait for each other. */
 static void sum_f32(const float *f, uint32_t runs, const uint32_t *count, double *to, uint32_t stride) {
-    enum { RUNS = 4 };
+    enum { FOUR = 4 };
     uint32_t r = 0;
     if (!count) {
         sum_single_f32(f, runs, to, stride);
@@ -195,30 +273,27 @@ static void sum_f32(const float *f, uint32_t runs, const uint32_t *count, double
     }
     while (r < runs) {
         const uint32_t n = count[r];
-        if (n >= RUNS && r + RUNS <= runs && count[r + 1] == n && count[r + 2] == n && count[r + 3] == n) {
-            D4 sum = {to[0], to[stride], to[2 * stride], to[3 * stride]};
+        if (n >= FOUR && r + RUNS <= runs && are_alike(count + r, RUNS)) {
+            DR sum = sums_at(to, stride);
             uint32_t i = 0;
-            for (; i + RUNS <= n; i += RUNS) {
-                const F4 a = LOAD(F4, f + i), b = LOAD(F4, f + n + i), c = LOAD(F4, f + 2 * n + i),
-                         d = LOAD(F4, f + 3 * n + i);
-                const F4 ab = __builtin_shufflevector(a, b, 0, 4, 1, 5), cd = __builtin_shufflevector(c, d, 0, 4, 1, 5);
-                const F4 ba = __builtin_shufflevector(a, b, 2, 6, 3, 7), dc = __builtin_shufflevector(c, d, 2, 6, 3, 7);
-                sum += __builtin_convertvector(__builtin_shufflevector(ab, cd, 0, 1, 4, 5), D4);
-                sum += __builtin_convertvector(__builtin_shufflevector(ab, cd, 2, 3, 6, 7), D4);
-                sum += __builtin_convertvector(__builtin_shufflevector(ba, dc, 0, 1, 4, 5), D4);
-                sum += __builtin_convertvector(__builtin_shufflevector(ba, dc, 2, 3, 6, 7), D4);
+            for (; i + FOUR <= n; i += FOUR) {
+                const FR a = QUADS(f + i, n), b = QUADS(f + n + i, n), c = QUADS(f + 2 * n + i, n),
+                         d = QUADS(f + 3 * n + i, n);
+                const FR ab = ZIP_LOW(a, b), cd = ZIP_LOW(c, d), ba = ZIP_HIGH(a, b), dc = ZIP_HIGH(c, d);
+                sum += widened(JOIN_LOW(ab, cd));
+                sum += widened(JOIN_HIGH(ab, cd));
+                sum += widened(JOIN_LOW(ba, dc));
+                sum += widened(JOIN_HIGH(ba, dc));
             }
-            for (; i < n; i++) sum += __builtin_convertvector((F4){f[i], f[n + i], f[2 * n + i], f[3 * n + i]}, D4);
-            for (uint32_t k = 0; k < RUNS; k++) to[k * stride] = sum[k];
+            for (; i < n; i++)
+                for (uint32_t k = 0; k < RUNS; k++) sum[k] += (double)f[k * n + i];
+            put_sums(sum, to, stride);
             f += RUNS * n, to += RUNS * stride, r += RUNS;
             continue;
         }
-        if (n == 2 && r + RUNS <= runs && count[r + 1] == 2 && count[r + 2] == 2 && count[r + 3] == 2) {
-            const F4 a = LOAD(F4, f), b = LOAD(F4, f + RUNS);
-            D4 sum = {to[0], to[stride], to[2 * stride], to[3 * stride]};
-            sum += __builtin_convertvector(__builtin_shufflevector(a, b, 0, 2, 4, 6), D4);
-            sum += __builtin_convertvector(__builtin_shufflevector(a, b, 1, 3, 5, 7), D4);
-            for (uint32_t k = 0; k < RUNS; k++) to[k * stride] = sum[k];
+        if (n == 2 && r + RUNS <= runs && are_alike(count + r, RUNS)) {
+            const FR a = LOAD(FR, f), b = LOAD(FR, f + RUNS);
+            put_sums(sums_at(to, stride) + widened(EVEN(a, b)) + widened(ODD(a, b)), to, stride);
             f += RUNS * n, to += RUNS * stride, r += RUNS;
             continue;
         }

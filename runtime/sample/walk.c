@@ -75,10 +75,11 @@ static void take_some(Walk *k, Chunk *c, uint32_t room) {
 
 /* How many of the next n pixels of the row are asked for, up to the first that is not. */
 static uint32_t asked_from(const Walk *k, uint32_t n) {
+    if (!k->p->adjoint) return n;
     const uint64_t first = grid_index(&k->p->run->grid, k->at[0], k->at[1], k->at[2]);
     const uint32_t channels = k->p->run->s->channels;
     uint32_t i = 0;
-    if (k->p->adjoint && channels == 1) { /* mostly all are, which nothing needs to be decided for */
+    if (channels == 1) { /* mostly all are, which nothing needs to be decided for */
         uint32_t zeros = 0;
         for (uint32_t x = 0; x < n; x++) zeros |= k->p->adjoint[first + x] == 0;
         if (!zeros) return n;
@@ -90,12 +91,17 @@ static uint32_t asked_from(const Walk *k, uint32_t n) {
 /* The next n pixels of a row with all their samples. */
 static void take_row(Walk *k, Chunk *c, uint32_t n) {
     const uint64_t owner = grid_index(&k->p->run->grid, k->at[0], k->at[1], k->at[2]);
-    const uint32_t r = k->runs + c->n;
-    for (uint32_t i = 0; i < n; i++) k->owner[r + i] = owner + i, k->count[r + i] = k->p->count;
-    for (uint32_t i = 0; i < n; i++) c->cell[0][c->n + i] = (int32_t)(k->at[0] + i);
-    for (uint32_t d = 1; d < k->p->run->grid.dim; d++)
-        for (uint32_t i = 0; i < n; i++) c->cell[d][c->n + i] = (int32_t)k->at[d];
-    c->n += n, c->lanes += n * k->p->count;
+    const uint32_t r = k->runs + c->n, samples = k->p->count;
+    uint64_t *restrict owners = k->owner + r;
+    for (uint32_t i = 0; i < n; i++) owners[i] = owner + i;
+    uint32_t *restrict counts = k->count + r;
+    for (uint32_t i = 0; i < n; i++) counts[i] = samples;
+    for (uint32_t d = 0; d < k->p->run->grid.dim; d++) {
+        int32_t *restrict cells = c->cell[d] + c->n;
+        const int32_t first = (int32_t)k->at[d];
+        for (uint32_t i = 0; i < n; i++) cells[i] = first + (d ? 0 : (int32_t)i);
+    }
+    c->n += n, c->lanes += n * samples;
     next_pixels(k, n);
 }
 

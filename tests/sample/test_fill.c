@@ -83,12 +83,13 @@ static void check_sums(const Fill *f) {
     uint32_t count[MOST];
     double want[3 * MOST], sum[3 * MOST], other[3 * MOST];
     for (int i = 0; i < 40 * MOST; i++) wide[i] = narrow[i] = (float)ldexp((int32_t)word(), (int)(word() % 60) - 60);
-    for (uint32_t most = 1; most < 40; most++) {
+    for (uint32_t k = 0; k < 78; k++) {
+        const uint32_t most = 1 + k / 2, stride = k % 2 ? 3 : 1;
         for (int r = 0; r < MOST; r++) count[r] = word() % 16 ? most : 1 + word() % most;
         for (int i = 0; i < 3 * MOST; i++) want[i] = sum[i] = other[i] = i % 2 ? 0 : (int32_t)word();
         for (uint32_t r = 0, at = 0; r < MOST; r++)
-            for (uint32_t i = 0; i < count[r]; i++) want[3 * r] += wide[at++];
-        f->sum_f32(narrow, MOST, count, sum, 3), f->sum_f64(wide, MOST, count, other, 3);
+            for (uint32_t i = 0; i < count[r]; i++) want[stride * r] += wide[at++];
+        f->sum_f32(narrow, MOST, count, sum, stride), f->sum_f64(wide, MOST, count, other, stride);
         assert_memory_equal(sum, want, sizeof want);
         assert_memory_equal(other, want, sizeof want);
     }
@@ -182,9 +183,9 @@ static void walk_against_loops(const Fill *f, const Case *c) {
 }
 
 static void check_walks(const Fill *f) {
-    static const uint32_t counts[] = {1, 2, 3, 5, 16, 37};
-    for (uint32_t i = 0; i < 3 * 6 * 3; i++) {
-        Case c = {.dim = 1 + i % 3, .count = counts[i / 3 % 6], .classes = 1, .filter = (SltFilter)(i / 18)};
+    static const uint32_t counts[] = {1, 2, 3, 4, 5, 16, 37};
+    for (uint32_t i = 0; i < 3 * 7 * 3; i++) {
+        Case c = {.dim = 1 + i % 3, .count = counts[i / 3 % 7], .classes = 1, .filter = (SltFilter)(i / 21)};
         walk_against_loops(f, &c);
         c.rand = true, c.half = 1 + i % 2, c.f64 = i % 4 == 1;
         walk_against_loops(f, &c);
