@@ -208,7 +208,7 @@ static int build(Cli *c, SltProgram *p) {
         needs[K_REGION] = needs[K_EVENT] = needs[K_SIDES] = needs[K_SITE] = needs[K_SITE_GRAD] = needs[K_SITE_JVP] =
             needs[K_SITE_VJP] = false;
     if (c->job.no_interior) needs[K_JVP] = needs[K_VJP] = false;
-    p->threads = c->job.threads;
+    p->threads = c->job.threads, p->guarded = true;
     SltStatus status = api_kernels_unrun(p, needs, &err);
     if (status != SLT_OK) return cli_fail(c, &err);
     if (p->prog->nderived)

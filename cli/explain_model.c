@@ -104,6 +104,8 @@ static const char *left_out(const Inside *e, int kind) {
     if (kind == K_EDGE || kind == K_EDGE_BOUNDS)
         return e->p->scene.nedges ? "too large to bound its gradient" : "nothing jumps or bends";
     if (kind == K_WRITTEN_BOUNDS) return "only `bound` asks for it";
+    if (kind == K_VJP_GUARDED)
+        return e->p->scene.kernel[kind] ? "until sums of vjp are not finite" : "vjp has no guards, or keeps them";
     if (kind == K_SITE && e->p->fn[K_SITE_GRAD]) return "served by site_grad: there are many sites";
     if (boundary && e->c->job.no_boundary) return "--interior-only";
     if (!boundary && kind != K_VALUE && e->c->job.no_interior) return "--boundary-only";

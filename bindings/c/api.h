@@ -24,13 +24,13 @@ typedef struct DerivedState DerivedState;       /* derived.h */
 typedef struct GradientKernels GradientKernels; /* turns.c */
 
 /* Kernels that may never be called: those of lines, where cells integrate; that of the value, where f comes with its
- * adjoints. Their layouts and geometries are known, from their IR or recalled (fn is NULL then); LLVM compiles them
- * when one of them is called, that of the value alone and all others together. */
+ * adjoints; the guarded one of adjoints. Their layouts and geometries are known, from their IR or recalled (fn is NULL
+ * then); LLVM compiles them when one of them is called, these two alone and all others together. */
 typedef struct LateKernels {
     pthread_mutex_t lock; /* of all, while an estimate runs */
     KernelRequest request[K_KINDS];
     SltKernelKind kind[K_KINDS];
-    uint32_t n; /* how many wait */
+    uint32_t n, guarded_lanes; /* how many wait; lanes of vjp_guarded, which are those of vjp */
     uint64_t few, plain;
     unsigned level;
     SltKernel *kernel[K_KINDS]; /* compiled, and not yet in the scene */
@@ -77,6 +77,8 @@ struct SltProgram {
     GradientKernels *turns; /* kernels of derivatives for other wrt; NULL until there are any */
     uint64_t turn;
     uint8_t compiled_few[K_KINDS], compiled_level[K_KINDS]; /* of BackOptions; 0 where it is plain */
+    bool guarded;                                           /* vjp keeps its guards: nobody looks at its sums */
+    SltDoubt doubt;                                         /* SltScene.doubt */
     SltKernel **cull_kernels;                               /* by [Cull] loop */
     uint32_t nlists;                                        /* loops with lists, [Cull] loops first */
     uint32_t *list_counts;                                  /* [SLT_MAX_CULL]: iterations of each */
@@ -127,15 +129,18 @@ SltStatus api_kernels_unrun(SltProgram *p, const bool needs[K_KINDS], SltError *
 const Fn *api_fn(SltProgram *p, int kind);
 /* In a protected session: makes the IR of kernels that were recalled. wrt: what is differentiated, NULL: anything. */
 void api_missing(SltProgram *p, const bool kinds[K_KINDS], const uint8_t *wrt);
-/* One module of n kernels; NULL: none, and err says why. few, plain: see BackOptions. */
+/* One module of n kernels; NULL: none, and err says why. few, plain: see BackOptions. width: 0: that of the options. */
 CompiledModule *api_compile_module(SltProgram *p, Session *s, const KernelRequest *req, uint32_t n, uint64_t few,
-                                   uint64_t plain, unsigned level, SltError *err);
+                                   uint64_t plain, unsigned level, uint32_t width, SltError *err);
+/* vjp has no guards any more: where a call of it is not finite, a kernel with them is compiled. */
+void api_put_off_guarded(SltProgram *p);
 
 /* ---- late.c */
 /* Those that wait and are needed now; late: which may go on waiting, NULL: none. */
 SltStatus api_late_compile(SltProgram *p, const bool needs[K_KINDS], const bool *late, SltError *err);
 SltKernel *api_late_make(void *program, int kind); /* SltScene.make */
 void api_late_settle(SltProgram *p);               /* behind a call: what it made takes its place in the scene */
+void api_late_drop_guarded(SltProgram *p);         /* another one will wait, or none */
 void api_late_free(SltProgram *p);
 
 /* cull_check.c: warns of [Cull] loops that do something outside their boxes. After the bounds of these are lowered. */

@@ -138,7 +138,7 @@ static void build(Session *s, void *user) {
         }
         if (!any) continue;
         KernelSet set;
-        AdOptions ad = {.wrt = p->wrt};
+        AdOptions ad = {.wrt = p->wrt, .guarded = true};
         PassCtx passes = p->passes;
         passes.program = NULL;
         pipeline_kernels(&passes, of->of, needs, NULL, &ad, &set);

@@ -217,8 +217,9 @@ static SltStatus compile_modules(SltProgram *p, Session *s, BackJob *jobs, uint3
 }
 
 CompiledModule *api_compile_module(SltProgram *p, Session *s, const KernelRequest *req, uint32_t n, uint64_t few,
-                                   uint64_t plain, unsigned level, SltError *err) {
+                                   uint64_t plain, unsigned level, uint32_t width, SltError *err) {
     BackJob job = {.k = req, .n = n, .o = back_options(p, few, plain, level)};
+    if (width) job.o.width = width;
     return compile_modules(p, s, &job, 1, err) == SLT_OK ? job.out : NULL;
 }
 
@@ -364,6 +365,16 @@ static void put_off(SltProgram *p, int kind, Fn *fn, const KernelFacts *k) {
     l->kind[l->n] = (SltKernelKind)kind, l->request[l->n++] = (KernelRequest){kernel_names[kind], fn};
 }
 
+void api_put_off_guarded(SltProgram *p) {
+    SltScene *s = &p->scene;
+    const KernelFacts facts = {.few = p->compiled_few[K_VJP]};
+    p->compiled_few[K_VJP_GUARDED] = p->compiled_few[K_VJP];
+    p->compiled_level[K_VJP_GUARDED] = p->compiled_level[K_VJP];
+    p->late.guarded_lanes = back_width(p->module_of[K_VJP], kernel_names[K_VJP]);
+    s->layout[K_VJP_GUARDED] = s->layout[K_VJP], s->kernel[K_VJP_GUARDED] = slt_kernel_late;
+    put_off(p, K_VJP_GUARDED, NULL, &facts);
+}
+
 /* From IR: compiles kernels, and says what there is to know of them. */
 static SltStatus compile_order(KernelOrder *q, const KernelSet *set, OrderFacts *f,
                                CompiledModule *module[ORDER_MODULES]) {
@@ -398,14 +409,17 @@ static SltStatus compile_order(KernelOrder *q, const KernelSet *set, OrderFacts 
     return status;
 }
 
+/* Where nobody looks at sums. */
+static bool keeps_guards(const SltProgram *p) { return p->opt.interpret || p->guarded; }
+
 static void make_ir(KernelOrder *q, KernelSet *set, OrderFacts *f) {
     SltProgram *p = q->p;
     const VariantOptions vo = variant_options(p, q->cells);
-    const AdOptions ad = {.wrt = p->wrt};
+    const AdOptions ad = {.wrt = p->wrt, .guarded = keeps_guards(p)};
     const double start = now_ms();
     pipeline_kernels(&p->passes, p->prog, q->needs, &vo, &ad, set);
     edge_facts(p, set, f);
-    f->hides = set->hides;
+    f->hides = set->hides, f->bare = set->bare;
     if (q->cull) {
         f->cull_lanes = ARENA_ARRAY(&p->session->module, uint32_t, p->prog->ncull + 1);
         for (uint32_t c = 0; c < p->prog->ncull; c++) bounds_facts(p, p->prog->cull_bounds[c], &f->cull);
@@ -446,6 +460,7 @@ static void build_body(Session *s, void *order) {
     for (int k = 0; k < K_KINDS; k++)
         if (f.kernel[k].made && q->late[k] && !p->opt.interpret) put_off(p, k, set.fn[k], &f.kernel[k]);
     adopt_modules(q, &f, module);
+    if (f.kernel[K_VJP].made && f.bare) api_put_off_guarded(p);
 }
 
 /* ---- IR of kernels that were recalled */
@@ -456,7 +471,7 @@ typedef struct Missing {
 
 void api_missing(SltProgram *p, const bool kinds[K_KINDS], const uint8_t *wrt) {
     const VariantOptions vo = variant_options(p, true);
-    const AdOptions ad = {.wrt = wrt};
+    const AdOptions ad = {.wrt = wrt, .guarded = keeps_guards(p)};
     KernelSet set;
     pipeline_kernels(&p->passes, p->prog, kinds, &vo, &ad, &set);
     for (int k = 0; k < K_KINDS; k++)
@@ -527,7 +542,8 @@ static SltStatus make_kernels(SltProgram *p, const bool needs[K_KINDS], const bo
     bool any = false;
     q.cells = needs[K_EDGE] && !(p->tried[K_EDGE] && !p->nedges); /* without an edge no cell has two sides */
     for (int k = 0; k < K_KINDS; k++) {
-        q.needs[k] = needs[k] && (!p->tried[k] || (k == K_SIDES && q.cells && !p->has[k]));
+        q.needs[k] = needs[k] && k != K_VJP_GUARDED /* which comes with vjp */ &&
+                     (!p->tried[k] || (k == K_SIDES && q.cells && !p->has[k]));
         if (k == K_SITE && p->prog->primal->nsites > LONE_SITE_KERNEL) q.needs[k] = false;
         q.late[k] = q.needs[k] && late && late[k];
         any |= q.needs[k];
@@ -585,7 +601,8 @@ SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
 }
 
 void api_forget_gradients(SltProgram *p) {
-    static const int kinds[] = {K_JVP, K_VJP, K_SITE_JVP, K_SITE_VJP};
+    static const int kinds[] = {K_JVP, K_VJP, K_SITE_JVP, K_SITE_VJP, K_VJP_GUARDED};
+    api_late_drop_guarded(p);
     for (int k = 0; k < K_KINDS; k++) p->tried[k] = p->has[k]; /* kernels that were left out may be needed now */
     for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) {
         p->fn[kinds[i]] = NULL;

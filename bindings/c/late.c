@@ -10,30 +10,36 @@ typedef struct Some {
     SltProgram *p;
     KernelRequest request[K_KINDS];
     SltKernelKind kind[K_KINDS];
-    uint32_t n;
+    uint32_t n, width; /* width: 0: as all have it */
     uint64_t few, plain;
 } Some;
+
+/* What is compiled in one go. */
+typedef enum Share { SHARE_LINES, SHARE_VALUE, SHARE_GUARDED, SHARES } Share;
+static Share share_of(int kind) {
+    return kind == K_VALUE ? SHARE_VALUE : kind == K_VJP_GUARDED ? SHARE_GUARDED : SHARE_LINES;
+}
 
 static void compile_body(Session *s, void *some) {
     Some *q = some;
     LateKernels *l = &q->p->late;
     bool missing[K_KINDS] = {false}, any = false;
     for (uint32_t i = 0; i < q->n; i++) any |= missing[q->kind[i]] = !q->request[i].fn;
-    /* None of these is of a derivative: they are the same whatever is differentiated. */
-    if (any) api_missing(q->p, missing, NULL);
+    /* Lines and values are the same whatever is differentiated. */
+    if (any) api_missing(q->p, missing, missing[K_VJP_GUARDED] ? q->p->wrt : NULL);
     for (uint32_t i = 0; i < q->n; i++)
         if (missing[q->kind[i]]) q->request[i].fn = q->p->fn[q->kind[i]];
-    CompiledModule *m = api_compile_module(q->p, s, q->request, q->n, q->few, q->plain, l->level, &l->error);
+    CompiledModule *m = api_compile_module(q->p, s, q->request, q->n, q->few, q->plain, l->level, q->width, &l->error);
     for (uint32_t i = 0; i < q->n && m; i++)
         l->kernel[q->kind[i]] = back_kernel(m, kernel_names[q->kind[i]]), l->module[q->kind[i]] = m;
 }
 
-/* Takes those out that go with the value kernel, which is alone, or those that do not. */
-static void take(LateKernels *l, bool value, Some *to) {
+/* Takes those of a share out. */
+static void take(LateKernels *l, Share share, Some *to) {
     uint32_t left = 0;
     uint64_t few = 0, plain = 0;
     for (uint32_t i = 0; i < l->n; i++) {
-        const bool of = (l->kind[i] == SLT_K_VALUE) == value;
+        const bool of = share_of((int)l->kind[i]) == share;
         const uint64_t is_few = l->few >> i & 1, is_plain = l->plain >> i & 1;
         if (of) {
             to->few |= is_few << to->n, to->plain |= is_plain << to->n;
@@ -47,10 +53,10 @@ static void take(LateKernels *l, bool value, Some *to) {
 }
 
 /* Under the lock, or where there is one thread. What could not be compiled is not tried again. */
-static SltStatus compile(SltProgram *p, bool value) {
+static SltStatus compile(SltProgram *p, Share share) {
     LateKernels *l = &p->late;
-    Some some = {.p = p};
-    take(l, value, &some);
+    Some some = {.p = p, .width = share == SHARE_GUARDED ? l->guarded_lanes : 0};
+    take(l, share, &some);
     if (!some.n) return l->error.status;
     int unwound = session_protect(p->session, compile_body, &some);
     if (unwound) status_fail(&l->error, (SltStatus)unwound, "%s", p->session->unwind_text);
@@ -61,7 +67,7 @@ SltKernel *api_late_make(void *program, int kind) {
     SltProgram *p = program;
     LateKernels *l = &p->late;
     pthread_mutex_lock(&l->lock);
-    SltStatus status = compile(p, kind == K_VALUE);
+    SltStatus status = compile(p, share_of(kind));
     if (status != SLT_OK && p->error.status == SLT_OK) p->error = l->error;
     /* Above many sites `site_grad` serves for `site`. */
     SltKernel *k = l->kernel[kind == K_SITE && !l->kernel[kind] ? K_SITE_GRAD : kind];
@@ -78,17 +84,22 @@ void api_late_settle(SltProgram *p) {
 }
 
 SltStatus api_late_compile(SltProgram *p, const bool needs[K_KINDS], const bool *late, SltError *err) {
-    bool any[2] = {false};
+    bool any[SHARES] = {false};
     for (uint32_t i = 0; i < p->late.n; i++) {
         const SltKernelKind k = p->late.kind[i];
-        any[k == SLT_K_VALUE] |= needs[k] && !(late && late[k]);
+        any[share_of((int)k)] |= needs[k] && !(late && late[k]);
     }
-    for (int value = 0; value < 2; value++) {
-        SltStatus status = any[value] ? compile(p, value) : SLT_OK;
+    for (int share = 0; share < SHARES; share++) {
+        SltStatus status = any[share] ? compile(p, (Share)share) : SLT_OK;
         if (status != SLT_OK) return status_fail(err, status, "%s", p->late.error.text);
     }
     api_late_settle(p);
     return SLT_OK;
+}
+
+void api_late_drop_guarded(SltProgram *p) {
+    Some dropped = {.p = p};
+    take(&p->late, SHARE_GUARDED, &dropped);
 }
 
 void api_late_free(SltProgram *p) {

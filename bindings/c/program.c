@@ -210,7 +210,7 @@ static void compile_body(Session *s, void *arg) {
     p->passes.session = s, p->passes.program = prog, p->passes.has_fma = p->target.has_fma;
     start = now_ms();
     pipeline_primal(&p->passes, prog->primal);
-    p->scene.tape_full = &p->tape_full;
+    p->scene.tape_full = &p->tape_full, p->scene.doubt = &p->doubt;
     p->scene.pixelwise = !prog->uses_rand && !reads_sample(prog->primal->body);
     p->scene.boundless = !pipeline_has_bounds(prog->primal->body);
     api_derived_lower(p);

@@ -73,7 +73,7 @@ static void exchange_facts(Archive *a, const KernelOrder *q, OrderFacts *f) {
     }
     for (uint32_t m = 0; m < ORDER_MODULES; m++)
         EXCHANGE(a, f->module[m].hi), EXCHANGE(a, f->module[m].lo), EXCHANGE(a, f->module[m].len);
-    EXCHANGE(a, f->hides), EXCHANGE(a, f->site_logs), EXCHANGE(a, f->rigid);
+    EXCHANGE(a, f->hides), EXCHANGE(a, f->site_logs), EXCHANGE(a, f->rigid), EXCHANGE(a, f->bare);
     EXCHANGE(a, f->noted), EXCHANGE(a, edges), EXCHANGE(a, dense);
     if (dense) f->dense = exchange_array(a, f->dense, prog->nfloats, 1);
     if (!edges || a->bad) return;
@@ -140,11 +140,11 @@ CacheKey recall_key(const KernelOrder *q) {
     Arena *scratch = &p->session->scratch;
     ArenaMark mark = arena_mark(scratch);
     Archive a = {.arena = scratch, .writes = true};
-    const char version[] = "facts 1";
+    const char version[] = "facts 2";
     exchange(&a, (void *)version, sizeof version);
     exchange(&a, (void *)q->needs, sizeof q->needs), exchange(&a, (void *)q->late, sizeof q->late);
     exchange(&a, (void *)q->soon, sizeof q->soon);
-    const bool asks[] = {q->cull, q->cells, p->few_samples};
+    const bool asks[] = {q->cull, q->cells, p->few_samples, p->guarded};
     exchange(&a, (void *)asks, sizeof asks);
     add_options(&a, p), add_program(&a, p);
     exchange(&a, p->wrt, p->prog->nfloats);

@@ -42,6 +42,7 @@ typedef struct OrderFacts {
     uint32_t *cull_lanes;
     CacheKey module[ORDER_MODULES];
     bool hides, site_logs, rigid; /* see SltScene; of region, site_vjp, vjp */
+    bool bare;                    /* of vjp: KernelSet.bare */
     bool flat, told, chunked;     /* of edges */
     uint8_t noted[SLT_MAX_CULL];  /* of bounds */
     uint8_t *dense;               /* [nfloats]; NULL: there is no reverse kernel among them */

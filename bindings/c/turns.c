@@ -5,8 +5,8 @@
 
 #include "bindings/c/api.h"
 
-enum { KINDS = 4, KEPT = 4 };
-static const int kinds[KINDS] = {K_JVP, K_VJP, K_SITE_JVP, K_SITE_VJP};
+enum { KINDS = 5, KEPT = 4 };
+static const int kinds[KINDS] = {K_JVP, K_VJP, K_SITE_JVP, K_SITE_VJP, K_VJP_GUARDED};
 
 struct GradientKernels {
     uint8_t *wrt;  /* [nfloats]: what they differentiate; NULL: there are none here */
@@ -55,6 +55,7 @@ static void take(SltProgram *p, const GradientKernels *from) {
     }
     p->scene.tape_bytes = from->tape_bytes, p->scene.tape_grows = from->tape_grows;
     p->scene.site_logs = from->site_logs, p->scene.rigid = from->rigid;
+    if (p->scene.kernel[K_VJP_GUARDED] == slt_kernel_late) api_put_off_guarded(p);
 }
 
 void api_differentiate(SltProgram *p, const uint8_t *wrt) {

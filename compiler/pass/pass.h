@@ -101,6 +101,7 @@ typedef struct AdOptions {
     bool wrt_none;        /* with respect to no parameter */
     bool wrt_seeds;       /* also with respect to seeds: opt_marches.c */
     bool no_value;        /* ad_vjp: without the float outputs themselves */
+    bool guarded;         /* pipeline_kernels: `vjp` keeps its guards (opt_bare.c) */
     uint32_t tape_budget; /* bytes a lane above which loops are checkpointed, in as many levels as it takes; 0: 64 KiB,
                              of which loops with queries 4 KiB */
     uint8_t replay;       /* AD_REPLAY_* */
@@ -151,6 +152,7 @@ typedef struct KernelSet {
     SltLayout layout[K_KINDS];
     const SltChunks *chunks; /* of prune and pruned; NULL: the program has no use for them */
     bool hides;              /* of region: see SltScene */
+    bool bare;               /* of vjp: it had guards, and has none now */
     bool chunked;            /* bounds and the edge kernels have them too; set with edges */
     const SiteInfo *edges;   /* sites, then seams; only where bounds or an edge kernel was asked for */
     uint32_t nedges;

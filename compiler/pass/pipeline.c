@@ -235,8 +235,11 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
     /* Over pieces the sweep runs each of them again: f, which images do not ask it for, would be a second time. */
     AdOptions of_value = wrt;
     of_value.no_value = ir_has(value->body, OP_told);
-    if (needs[K_VJP]) out->fn[K_VJP] = ad_vjp(ctx, value, &of_value, &out->tape[K_VJP]);
-    if (needs[K_VJP]) ad_part_rows(out->fn[K_VJP]);
+    for (int k = 0; k < K_KINDS; k++) {
+        if (!needs[k] || (k != K_VJP && k != K_VJP_GUARDED)) continue;
+        out->fn[k] = ad_vjp(ctx, value, &of_value, &out->tape[k]);
+        ad_part_rows(out->fn[k]);
+    }
     if (jumps) {
         if (needs[K_REGION]) out->fn[K_REGION] = variant_region(ctx, primal, &variant);
         out->hides = variant_tells_origin(primal, &variant);
@@ -256,6 +259,9 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
             pipeline_kernel(ctx, part);
             if (k == K_EVENT && variant_has_windows(primal)) /* the searches behind g, for pairs that have an event */
                 pass_run(ctx, PASS_NEEDS_KERNEL, part, PASS_opt_sink);
+            if (k != K_VJP || wrt.guarded || !pass_run(ctx, PASS_NEEDS_KERNEL, part, PASS_opt_bare)) continue;
+            pass_run(ctx, PASS_NEEDS_KERNEL, part, PASS_opt_dce);
+            out->bare = true;
         }
         out->layout[k] = pipeline_layout(out->fn[k]);
     }

@@ -56,7 +56,7 @@ bool accum_init(Accum *a, const SltScene *s, uint32_t n) {
         b->touched = alloc_zero(blocks, sizeof *b->touched);
         if (!b->touched) return false;
     }
-    a->fill = fill_best();
+    a->fill = fill_best(), a->vjp = SLT_KERNELS;
     a->stretch = alloc_zero(blocks, sizeof *a->stretch);
     if (!a->stretch) return false;
     for (uint32_t p0 = 0, p1; p0 < s->nfloats; p0 = p1) {
@@ -73,7 +73,7 @@ void accum_free(Accum *a) {
     for (uint32_t i = 0; i < a->n; i++) free(a->buf[i].touched), free(a->buf[i].log_index), free(a->buf[i].log_value);
     free_pages(a->adj, a->bytes * a->n + 64), free_pages(a->scratch, a->bytes * SLT_MAX_CHANNELS + 64);
     free_pages(a->sums, a->n * sums_bytes(a));
-    free(a->stretch), free(a->poles), free(a->folded.parameter), free(a->folded.slot), free(a->folded.sum);
+    free(a->stretch), free(a->before.bytes), free(a->folded.parameter), free(a->folded.slot), free(a->folded.sum);
     memset(a, 0, sizeof *a);
 }
 
@@ -98,6 +98,102 @@ static void lend_log(const Accum *a, const AdjointBuffer *buf, SltKernelArgs *ar
     args->log_cap = buf->log_cap - buf->log_len, args->log_len = 0;
 }
 
+/* Runs the kernel, and again where the log was too short: the adjoints of the call are in adj then, and the second run
+ * is for the log alone. Returns how long the log got. */
+static uint64_t run(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, AdjointBuffer *buf) {
+    uint64_t counters[SLT_COUNTERS];
+    memcpy(counters, b->args.counters, sizeof counters);
+    b->args.adj = buf->adj;
+    lend_log(a, buf, &b->args);
+    batch_call(b, kind, n);
+    const uint64_t len = b->args.log_len;
+    if (len <= b->args.log_cap) return len;
+    if (!a->scratch) a->scratch = new_pages(a->bytes * SLT_MAX_CHANNELS + 64, true);
+    if (!a->scratch || !grow_log(a, buf, buf->log_len + len)) {
+        a->failed = true;
+        return 0;
+    }
+    memcpy(b->args.counters, counters, sizeof counters);
+    b->args.adj = a->scratch;
+    lend_log(a, buf, &b->args);
+    batch_call(b, kind, n);
+    b->evaluations -= n;
+    return len;
+}
+
+static bool has_guarded(const Accum *a) { return a->s->kernel[SLT_K_VJP_GUARDED] != NULL; }
+
+/* Have calls of VJP not been finite lately? */
+static bool is_in_doubt(const Accum *a) {
+    SltDoubt *d = a->s->doubt;
+    uint32_t left = d ? atomic_load_explicit(&d->left, memory_order_relaxed) : 0;
+    while (left && !atomic_compare_exchange_weak_explicit(&d->left, &left, left - 1, memory_order_relaxed,
+                                                          memory_order_relaxed)) {
+    }
+    return left > 0;
+}
+
+/* Each time twice as long, and shortly where it went well. */
+static void learn(const Accum *a, bool finite) {
+    enum { SHORT = 4, LONG = 256 };
+    SltDoubt *d = a->s->doubt;
+    if (!d) return;
+    uint32_t next = finite ? 0 : atomic_load_explicit(&d->next, memory_order_relaxed);
+    if (finite && !atomic_load_explicit(&d->next, memory_order_relaxed)) return; /* as ever, and nothing is written */
+    if (!finite) next = next < SHORT ? SHORT : next < LONG ? 2 * next : LONG;
+    atomic_store_explicit(&d->next, next, memory_order_relaxed);
+    atomic_store_explicit(&d->left, next, memory_order_relaxed);
+}
+
+void accum_begin(Accum *a, const Batch *b) {
+    if (!has_guarded(a)) return;
+    a->vjp = is_in_doubt(a) ? SLT_K_VJP_GUARDED : SLT_K_VJP;
+    a->suspect = false, a->evaluations = b->evaluations;
+    memcpy(a->counters, b->args.counters, sizeof a->counters);
+}
+
+bool accum_again(Accum *a, Batch *b) {
+    const bool tried = a->vjp == SLT_K_VJP;
+    a->vjp = SLT_KERNELS;
+    if (!tried || a->failed) return false;
+    learn(a, !a->suspect);
+    if (!a->suspect) return false;
+    for (uint32_t i = 0; i < a->n; i++) a->buf[i].ntouched = 0, a->buf[i].log_len = 0;
+    if (a->folded.slot) accum_unfold(a);
+    a->vjp = SLT_K_VJP_GUARDED, a->suspect = false, b->evaluations = a->evaluations;
+    memcpy(b->args.counters, a->counters, sizeof a->counters);
+    return true;
+}
+
+/* VJP has no guards against 0 times what is infinite, which take time and are hardly ever needed: where what it gives
+ * is not finite, it is taken back, and the guarded kernel runs. Where both are finite they give the same bits. */
+static uint64_t run_vjp(Accum *a, Batch *b, uint32_t n, uint32_t which, uint32_t rows) {
+    AdjointBuffer *buf = &a->buf[which];
+    const bool poles = accum_may_leave_out(a), choose = has_guarded(a) && a->vjp == SLT_KERNELS;
+    const bool watched = (poles || choose) && accum_watch(a, which, rows);
+    SltKernelKind kind = has_guarded(a) ? a->vjp : SLT_K_VJP;
+    if (choose) kind = !watched || is_in_doubt(a) ? SLT_K_VJP_GUARDED : SLT_K_VJP;
+    uint64_t counters[SLT_COUNTERS];
+    memcpy(counters, b->args.counters, sizeof counters);
+    for (uint32_t r = 0; r < rows; r++) buf[r].dirty = true;
+    uint64_t len = run(a, b, kind, n, buf);
+    if (kind == SLT_K_VJP && has_guarded(a)) {
+        bool finite = !len || accum_are_finite(a, buf->log_value + buf->log_len * flt_bytes(a), len);
+        if (watched) finite = finite && accum_is_finite(a);
+        else a->suspect |= !finite;
+        if (choose) learn(a, finite);
+        if (watched && !finite) {
+            if (!choose) learn(a, false), a->vjp = SLT_K_VJP_GUARDED; /* of the rest of the tile, too */
+            accum_put_back(a);
+            memcpy(b->args.counters, counters, sizeof counters);
+            b->evaluations -= n;
+            len = run(a, b, kind = SLT_K_VJP_GUARDED, n, buf);
+        }
+    }
+    if (poles && watched && !len) accum_leave_out(a, b, kind, n);
+    return len;
+}
+
 static void call_rows(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t which, uint32_t rows) {
     assert(which + rows <= a->n);
     AdjointBuffer *buf = &a->buf[which];
@@ -107,30 +203,13 @@ static void call_rows(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32
         batch_stop(b, kind);
         return;
     }
-    if (kind != SLT_K_SITE_VJP || !a->s->site_logs)
-        for (uint32_t r = 0; r < rows; r++) buf[r].dirty = true;
-    b->args.adj = buf->adj, b->args.rows = (int32_t)rows;
-    lend_log(a, buf, &b->args);
-    uint64_t counters[SLT_COUNTERS];
-    memcpy(counters, b->args.counters, sizeof counters);
-    bool watched = kind == SLT_K_VJP && accum_watch(a, b, which, rows);
-    batch_call(b, kind, n);
-    uint64_t len = b->args.log_len;
-    if (watched && !len) accum_leave_out(a, n);
-    if (len > b->args.log_cap) {
-        /* The adjoints of this call are in adj already: the second run is for the log alone. */
-        if (!a->scratch) a->scratch = new_pages(a->bytes * SLT_MAX_CHANNELS + 64, true);
-        if (!a->scratch || !grow_log(a, buf, buf->log_len + len)) {
-            a->failed = true;
-            return;
-        }
-        memcpy(b->args.counters, counters, sizeof counters);
-        b->args.adj = a->scratch;
-        lend_log(a, buf, &b->args);
-        batch_call(b, kind, n);
-        b->evaluations -= n;
+    b->args.rows = (int32_t)rows;
+    if (kind == SLT_K_VJP) {
+        buf->log_len += run_vjp(a, b, n, which, rows);
+    } else {
+        for (uint32_t r = 0; r < rows && !a->s->site_logs; r++) buf[r].dirty = true;
+        buf->log_len += run(a, b, kind, n, buf);
     }
-    buf->log_len += len;
     if (a->folded.slot && buf->log_len > FOLD) a->failed |= !accum_fold_log(a, which);
 }
 
@@ -174,6 +253,9 @@ static void close_block(Accum *a, uint32_t which, uint32_t p0, uint32_t p1) {
     if (a->s->f64) sum_f64(block, a->s->adj_lanes, p1 - p0, sums);
     else sum_f32(block, a->s->adj_lanes, p1 - p0, sums);
     memset(block, 0, a->stride * (p1 - p0));
+    double zero = 0;
+    for (uint32_t p = 0; p < p1 - p0; p++) zero += 0 * sums[p];
+    a->suspect |= zero != 0; /* it is not a number, then */
     if (a->folded.slot) a->failed |= !accum_fold(a, which, p0, few, p1 - p0);
     else buf->touched[buf->ntouched++] = p0;
 }

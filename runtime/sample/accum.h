@@ -8,6 +8,7 @@
 enum {
     ACCUMS = 9 * SLT_MAX_CHANNELS, /* most buffers: for each channel three sums and the sketches of lines */
     ACCUM_BLOCK = 16,              /* parameters that are looked at together */
+    ACCUM_WATCHED = 1 << 17,       /* most bytes of a buffer that is looked at before and after each call */
     COSETS = 4                     /* interleaved parts of an image, whose spread bounds the error of the whole */
 };
 
@@ -28,7 +29,12 @@ typedef struct Folded {
     uint32_t *slot;              /* by parameter: 1 and which of them; 0: none. NULL: nothing is folded */
     double *sum;                 /* [n][buffers] */
 } Folded;
-typedef struct Poles Poles;
+/* What lay in adj before a call. */
+typedef struct Before {
+    unsigned char *adj, *bytes; /* bytes: NULL until there are any */
+    uint64_t n, room;
+    bool zero; /* nothing did */
+} Before;
 typedef struct Accum {
     const SltScene *s;
     uint32_t n; /* buffers */
@@ -40,15 +46,22 @@ typedef struct Accum {
     uint32_t (*stretch)[2], nstretches;
     const Fill *fill;
     unsigned char *scratch; /* instead of adj where a call is repeated for its log: what it adds must not count twice */
-    Poles *poles;           /* accum_poles.c */
+    Before before;          /* accum_watch.c */
     bool infinite;          /* something of this tile is, on an area */
-    bool failed;            /* memory ran out */
+    SltKernelKind vjp;      /* which kernel calls of VJP run: that one, VJP_GUARDED, or SLT_KERNELS: call by call */
+    bool suspect;           /* a sum of this tile is not finite */
+    uint64_t evaluations, counters[SLT_COUNTERS]; /* of the batch, as the tile began */
+    bool failed;                                  /* memory ran out */
 } Accum;
 bool accum_init(Accum *a, const SltScene *s, uint32_t n);
 void accum_free(Accum *a);
 /* Runs a reverse kernel that adds into buffer `which`, or with rows each row into the next one: of SITE_VJP for the
  * seeds of its channels, of VJP the derivatives of each channel times weight[n]. b->again: of the first call of VJP. */
 void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t which);
+/* Around the work of a tile that may be done again: between begin and accum_close the kernel without guards runs, and
+ * where a sum is not finite then, accum_again forgets the tile and is true: it wants to be done once more. */
+void accum_begin(Accum *a, const Batch *b);
+bool accum_again(Accum *a, Batch *b);
 void accum_site_rows(Accum *a, Batch *b, uint32_t n, uint32_t which);
 void accum_rows(Accum *a, Batch *b, const double *weight, uint32_t n, uint32_t which);
 /* accum_close ends a tile, in `work`: lanes are summed into doubles. accum_merge, in `merge`, adds them and the log to
@@ -56,10 +69,17 @@ void accum_rows(Accum *a, Batch *b, const double *weight, uint32_t n, uint32_t w
 void accum_close(Accum *a);
 void accum_merge(Accum *a, double *const *targets);
 
-/* ---- accum_poles.c: watch, before a call of VJP for as many rows; behind it, what it made infinite is taken out again
- * and added without the few samples that hit a pole. False: there are too many parameters to look. */
-bool accum_watch(Accum *a, Batch *b, uint32_t which, uint32_t rows);
-void accum_leave_out(Accum *a, uint32_t n);
+/* ---- accum_watch.c: keeps what is in as many buffers before a call; false: they are too large. Then, whether all that
+ * is there is finite, and the same of n numbers; and what was there before, again. */
+bool accum_watch(Accum *a, uint32_t which, uint32_t rows);
+bool accum_is_finite(const Accum *a);
+bool accum_are_finite(const Accum *a, const void *values, uint64_t n);
+void accum_put_back(Accum *a);
+
+/* ---- accum_poles.c: where a call of `kind` for n samples, which was watched, made something infinite: that is taken
+ * out again, and added without the few samples that hit a pole. May it be? */
+bool accum_may_leave_out(const Accum *a);
+void accum_leave_out(Accum *a, Batch *b, SltKernelKind kind, uint32_t n);
 
 /* ---- accum_fold.c: instead of accum_merge. Where parameters are many a tile logs each of those that it touches often:
  * from now on a log that gets long, and at accum_close all there is, goes into a->folded. False when memory runs out.

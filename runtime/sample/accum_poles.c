@@ -5,42 +5,20 @@
  * halves, with seeds of 0 for all others (what a seed of 0 gives is 0, at a pole too), left out and counted. Few of a
  * call only, and where f itself is finite: a derivative that is infinite on an area stays so. */
 #include <stdlib.h>
+#include <string.h>
 
 #include "runtime/sample/accum.h"
 
 enum { MOST_BYTES = 1 << 13, MOST = 16 /* samples left out of a call */ };
 
-struct Poles {
+typedef struct Poles {
+    Accum *a;
     Batch *b;
+    SltKernelKind kind;
     uint32_t n, left_out;
-    uint64_t bytes; /* of all rows */
-    unsigned char *adj;
-    unsigned char before[SLT_MAX_CHANNELS * MOST_BYTES];
+    unsigned char sums[SLT_MAX_CHANNELS * MOST_BYTES]; /* of what has been added so far */
     double seeds[SLT_MAX_CHANNELS][BATCH];
-};
-
-/* No exponent of all ones. */
-static bool finite32(const unsigned char *bytes, uint64_t n) {
-    uint32_t most = 0;
-    for (uint64_t i = 0; i < n; i += 4) {
-        uint32_t v;
-        memcpy(&v, bytes + i, sizeof v);
-        v &= UINT32_MAX >> 1;
-        most = v > most ? v : most;
-    }
-    return most < UINT32_C(0x7f8) << 20;
-}
-static bool finite64(const unsigned char *bytes, uint64_t n) {
-    uint64_t most = 0;
-    for (uint64_t i = 0; i < n; i += 8) {
-        uint64_t v;
-        memcpy(&v, bytes + i, sizeof v);
-        v &= UINT64_MAX >> 1;
-        most = v > most ? v : most;
-    }
-    return most < UINT64_C(0x7ff) << 52;
-}
-static bool is_finite(const Poles *q) { return q->b->f64 ? finite64(q->adj, q->bytes) : finite32(q->adj, q->bytes); }
+} Poles;
 
 /* The seeds of samples lo .. hi - 1, and 0 for all others. */
 static void set_seeds(Poles *q, uint32_t lo, uint32_t hi) {
@@ -61,44 +39,48 @@ static bool value_is_finite(const Poles *q, uint32_t i) {
 
 /* Adds samples lo .. hi - 1; false: they are not to be saved. */
 static bool add(Poles *q, uint32_t lo, uint32_t hi) {
+    const Before *at = &q->a->before;
     set_seeds(q, lo, hi);
-    batch_call(q->b, SLT_K_VJP, q->n);
-    if (is_finite(q)) {
-        memcpy(q->before, q->adj, q->bytes);
+    batch_call(q->b, q->kind, q->n);
+    if (accum_is_finite(q->a)) {
+        memcpy(q->sums, at->adj, at->n);
         return true;
     }
-    memcpy(q->adj, q->before, q->bytes);
+    memcpy(at->adj, q->sums, at->n);
     if (hi - lo == 1) return value_is_finite(q, lo) && ++q->left_out <= MOST;
     uint32_t middle = lo + (hi - lo) / 2;
     return add(q, lo, middle) && add(q, middle, hi);
 }
 
-bool accum_watch(Accum *a, Batch *b, uint32_t which, uint32_t rows) {
-    if (a->bytes > MOST_BYTES || a->infinite || b->s->pixelwise) return false; /* no sample is one of few */
-    if (!a->poles) a->poles = malloc(sizeof *a->poles);
-    if (!a->poles) return false;
-    a->poles->b = b, a->poles->adj = a->buf[which].adj, a->poles->bytes = a->bytes * rows;
-    memcpy(a->poles->before, a->poles->adj, a->poles->bytes);
-    return true;
-}
+/* Of sums that are small, and where a sample is one of many. */
+bool accum_may_leave_out(const Accum *a) { return a->bytes <= MOST_BYTES && !a->infinite && !a->s->pixelwise; }
 
-void accum_leave_out(Accum *a, uint32_t n) {
-    Poles *q = a->poles;
+static void leave_out(Poles *q) {
+    Accum *a = q->a;
     Batch *b = q->b;
-    if (is_finite(q)) return;
-    unsigned char with[sizeof q->before];
+    const Before *at = &a->before;
+    unsigned char with[sizeof q->sums];
     uint64_t counters[SLT_COUNTERS], evaluations = b->evaluations;
-    memcpy(with, q->adj, q->bytes), memcpy(counters, b->args.counters, sizeof counters);
-    q->n = n, q->left_out = 0;
+    memcpy(with, at->adj, at->n), memcpy(counters, b->args.counters, sizeof counters);
     for (uint32_t c = 0; c < b->s->channels; c++)
-        for (uint32_t i = 0; i < n; i++) {
+        for (uint32_t i = 0; i < q->n; i++) {
             const void *seed = b->args.in[SLT_IN_SEED0 + c];
             q->seeds[c][i] = b->f64 ? ((const double *)seed)[i] : (double)((const float *)seed)[i];
         }
-    memcpy(q->adj, q->before, q->bytes);
-    a->infinite = !add(q, 0, n);
-    if (a->infinite) memcpy(q->adj, with, q->bytes);
-    set_seeds(q, 0, n);
+    accum_put_back(a);
+    memcpy(q->sums, at->adj, at->n);
+    a->infinite = !add(q, 0, q->n);
+    if (a->infinite) memcpy(at->adj, with, at->n);
+    set_seeds(q, 0, q->n);
     memcpy(b->args.counters, counters, sizeof counters), b->evaluations = evaluations;
     if (!a->infinite) b->args.counters[SLT_COUNT_NONFINITE] += q->left_out;
+}
+
+void accum_leave_out(Accum *a, Batch *b, SltKernelKind kind, uint32_t n) {
+    if (accum_is_finite(a)) return;
+    Poles *q = malloc(sizeof *q);
+    if (!q) return;
+    q->a = a, q->b = b, q->kind = kind, q->n = n, q->left_out = 0;
+    leave_out(q);
+    free(q);
 }

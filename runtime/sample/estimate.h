@@ -44,6 +44,12 @@ typedef struct SltTwins {
     bool indexed; /* the parameters are those of an iteration */
 } SltTwins;
 
+/* How many calls go to VJP_GUARDED at once, since VJP came to no end lately. Both give the same bits where both are
+ * finite, so threads may take turns as they like. */
+typedef struct SltDoubt {
+    _Atomic uint32_t left, next; /* next: how many it will be */
+} SltDoubt;
+
 typedef struct SltScene {
     /* Not NULL: kernels are interpreted, and every call of a kernel goes through this function. */
     void (*call)(void *user, int kind, SltKernelArgs *args, uint32_t n);
@@ -106,6 +112,7 @@ typedef struct SltScene {
     uint64_t tape_bytes; /* a lane, the largest of all kernels */
     bool tape_grows;     /* some push more, with what queries tell */
     atomic_bool *tape_full; /* a tape that grows was: derivatives are not whole */
+    SltDoubt *doubt;        /* of VJP, where there is a VJP_GUARDED; NULL: it is always tried first */
     uint32_t ncull;
     SltKernel *const *cull_bounds;               /* [ncull]: kernels of kind CULL, by [Cull] loop */
     const uint32_t *cull_count;                  /* [ncull]: iterations of each loop */

@@ -56,6 +56,8 @@ typedef struct Fill {
     void (*roots_take)(Roots *r, uint32_t n, const void *g, bool f64);
     /* How many bytes from v on are 0: all `bytes` of them, or of those before the first that is not whole 64 a time. */
     uint64_t (*zeros)(const void *v, uint64_t bytes);
+    /* Are all floats, or doubles, of so many bytes finite? */
+    bool (*finite)(const void *v, uint64_t bytes, bool f64);
 } Fill;
 extern const Fill fill_plain, fill_avx2, fill_avx512;
 /* All that this machine can run, narrowest first; returns how many. */

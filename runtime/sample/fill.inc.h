@@ -374,3 +374,28 @@ static uint64_t zeros(const void *v, uint64_t bytes) {
     }
     return bytes;
 }
+
+/* Not finite: the exponent is all ones. Of both precisions' numbers, as integers of theirs. */
+#define IS_FINITE(name, V, N, ones)                                                                                    \
+    static bool name(const unsigned char *v, uint64_t bytes) {                                                         \
+        enum { FOUR = 4 };                                                                                             \
+        const V mask = (V){0} + (ones);                                                                                \
+        uint64_t at = 0;                                                                                               \
+        V any = {0};                                                                                                   \
+        for (; at + FOUR * sizeof any <= bytes; at += FOUR * sizeof any)                                               \
+            for (uint32_t k = 0; k < FOUR; k++) any |= (V)((LOAD(V, v + at + k * sizeof any) & mask) == mask);         \
+        for (N one; at < bytes; at += sizeof one) {                                                                    \
+            memcpy(&one, v + at, sizeof one);                                                                          \
+            any[0] |= (N) - ((one & (ones)) == (ones));                                                                \
+        }                                                                                                              \
+        N all = 0;                                                                                                     \
+        for (uint32_t k = 0; k < sizeof any / sizeof all; k++) all |= any[k];                                          \
+        return !all;                                                                                                   \
+    }
+typedef uint32_t W2 __attribute__((vector_size(8 * LANES)));
+IS_FINITE(is_finite_f32, W2, uint32_t, UINT32_C(0x7f8) << 20)
+IS_FINITE(is_finite_f64, U, uint64_t, UINT64_C(0x7ff) << 52)
+
+static bool all_finite(const void *v, uint64_t bytes, bool f64) {
+    return f64 ? is_finite_f64(v, bytes) : is_finite_f32(v, bytes);
+}

@@ -433,10 +433,7 @@ static bool value_and_adjoint(const Interior *p, Worker *w, const TileRect *t) {
     return true;
 }
 
-static bool reverse_work(void *user, uint32_t worker, uint64_t tile) {
-    Interior *p = user;
-    Worker *w = &p->run->worker[worker];
-    TileRect t = rect_of(p, tile);
+static bool reverse_tile(const Interior *p, Worker *w, TileRect t) {
     select_cull(p, w, &t);
     if (p->loss) {
         hold(p->run->s, true);
@@ -459,6 +456,16 @@ static bool reverse_work(void *user, uint32_t worker, uint64_t tile) {
     }
     accum_close(&w->acc);
     return !w->acc.failed;
+}
+
+static bool reverse_work(void *user, uint32_t worker, uint64_t tile) {
+    const Interior *p = user;
+    Worker *w = &p->run->worker[worker];
+    bool fine;
+    accum_begin(&w->acc, &w->batch);
+    do fine = reverse_tile(p, w, rect_of(p, tile));
+    while (accum_again(&w->acc, &w->batch));
+    return fine;
 }
 
 static void reverse_merge(void *user, uint32_t worker, uint64_t tile) {
@@ -546,9 +553,7 @@ static uint64_t replicate_of(const Total *p, uint64_t tile, uint64_t *from, uint
     return tile / p->tiles;
 }
 
-static bool total_work(void *user, uint32_t worker, uint64_t tile) {
-    Total *p = user;
-    Worker *w = &p->run->worker[worker];
+static bool total_tile(const Total *p, Worker *w, uint64_t tile) {
     Batch *b = &w->batch;
     const SltScene *s = p->run->s;
     uint64_t from, to, replicate = replicate_of(p, tile, &from, &to);
@@ -579,6 +584,17 @@ static bool total_work(void *user, uint32_t worker, uint64_t tile) {
     }
     accum_close(&w->acc);
     return !w->acc.failed;
+}
+
+static bool total_work(void *user, uint32_t worker, uint64_t tile) {
+    const Total *p = user;
+    Worker *w = &p->run->worker[worker];
+    bool fine;
+    if (!p->gradient) return total_tile(p, w, tile);
+    accum_begin(&w->acc, &w->batch);
+    do fine = total_tile(p, w, tile);
+    while (accum_again(&w->acc, &w->batch));
+    return fine;
 }
 
 static void total_merge(void *user, uint32_t worker, uint64_t tile) {
