@@ -99,7 +99,7 @@ class Threads(Case):
         self.assertEqual(together(work, work), [(True, (3,))] * 2)
 
     def test_others_run_meanwhile(self):
-        """A long call lets go of the interpreter: another thread counts on, far more than between two calls."""
+        """A long call lets go of the interpreter: another thread counts on, which between two calls it does once or twice."""
         p, count, stop = saltus.compile(DISCS), [0], threading.Event()
 
         def counting():
@@ -114,7 +114,7 @@ class Threads(Case):
                              lambda: saltus.compile(DISCS, set={"N": 40}, cache=False).vjp(np.ones((8, 8, 3)))):
                 before = count[0]
                 function()
-                self.assertGreater(count[0] - before, 50)
+                self.assertGreater(count[0] - before, 5)
         finally:
             stop.set()
             thread.join()
