@@ -134,6 +134,18 @@ INLINE void put(bool f64, D x, void *to, uint32_t at) {
     }
 }
 
+/* The first numbers, several times each. */
+#if defined(__AVX512DQ__)
+#define TWICE(v) __builtin_shufflevector(v, v, 0, 0, 1, 1, 2, 2, 3, 3)
+#define FOUR_TIMES(v) __builtin_shufflevector(v, v, 0, 0, 0, 0, 1, 1, 1, 1)
+#elif defined(__AVX2__)
+#define TWICE(v) __builtin_shufflevector(v, v, 0, 0, 1, 1)
+#define FOUR_TIMES(v) (v)
+#else
+#define TWICE(v) (v)
+#define FOUR_TIMES(v) (v)
+#endif
+
 INLINE void place_as(const FillAxis *given, SltFilter filter, bool f64, uint32_t runs, const uint32_t *count,
                      const uint64_t *start, const int32_t *cell, void *x) {
     const FillAxis a = *given;
@@ -158,8 +170,9 @@ INLINE void place_as(const FillAxis *given, SltFilter filter, bool f64, uint32_t
     for (uint32_t r = 0, at = 0; r < runs;) {
         const uint32_t n = count[r];
         if (n == few && r + many <= runs && are_alike(count + r, many)) {
-            const U s = __builtin_shuffle(LOAD(U, start + r), of_run) + of_few;
-            const D p = __builtin_shuffle(__builtin_convertvector(LOAD(I, cell + r), D), (L)of_run);
+            const U begins = LOAD(U, start + r), s = (few == 4 ? FOUR_TIMES(begins) : TWICE(begins)) + of_few;
+            const D at_run = __builtin_convertvector(LOAD(I, cell + r), D),
+                    p = few == 4 ? FOUR_TIMES(at_run) : TWICE(at_run);
             D before = {0}, mass = {0};
             for (uint32_t i = 0; !box && i < LANES; i++) {
                 const uint32_t in = (uint32_t)cell[r + i / few];
