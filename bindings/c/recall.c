@@ -104,6 +104,7 @@ static void add_options(Archive *a, const SltProgram *p) {
                                 (uint32_t)o.language,
                                 p->target.vector_bytes,
                                 p->target.has_fma,
+                                p->target.slow_divider,
                                 p->most_site_size,
                                 api_adjoint_lanes(p)};
     exchange(a, (void *)flags, sizeof flags), exchange(a, (void *)numbers, sizeof numbers);

@@ -16,6 +16,7 @@ typedef struct Target {
     char features[1024];   /* LLVM feature string; "" for the CPU's own */
     uint32_t vector_bytes; /* 16, 32, 64 */
     bool has_fma;
+    bool slow_divider; /* a root or a quotient of 64 bytes takes as long as two of 32, a sum or a product as one */
 } Target;
 /* The processor that runs this; SALTUS_TARGET=sse2|avx2|avx512 in the environment narrows it (for tests). */
 void target_host(Target *t);

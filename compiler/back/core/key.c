@@ -154,9 +154,10 @@ bool cache_key(Session *s, const KernelRequest *k, uint32_t n, const BackOptions
     XXH3_state_t *state = begin_key();
     CacheKey key = {0};
     if (!state) return false;
-    char *head = arena_printf(a, "saltus %s cpu %s features %s vector %u fma %d adj %d opt %u pixels %d kernels %u\n",
-                              emitter, o->target.cpu, o->target.features, o->target.vector_bytes, o->target.has_fma,
-                              (int)o->adj, o->opt_level, (int)o->pixels, n);
+    char *head =
+        arena_printf(a, "saltus %s cpu %s features %s vector %u fma %d divider %d adj %d opt %u pixels %d kernels %u\n",
+                     emitter, o->target.cpu, o->target.features, o->target.vector_bytes, o->target.has_fma,
+                     o->target.slow_divider, (int)o->adj, o->opt_level, (int)o->pixels, n);
     XXH3_128bits_update(state, head, strlen(head));
     key.len = strlen(head);
     for (uint32_t j = 0; j < n; j++) {

@@ -51,6 +51,7 @@ typedef struct Emit {
     bool spread;          /* lanes are not those of samples, but of what emit_spread has listed */
     Part *val;            /* by id * P + part */
     uint32_t *uses;       /* by id; NULL: nobody has asked */
+    bool *by_steps;       /* by id: a root that the divider does not take; NULL: there is none */
     ChunkState *chunks;   /* of a straight-line program in chunks; NULL: it is not */
     uint64_t frame_bytes; /* of local arrays so far */
     uint32_t since_split; /* instructions since the current block began */
@@ -105,6 +106,10 @@ void emit_value_op(Emit *e, Inst *i);
 bool emit_converts(const Emit *e);
 Part emit_converted(Emit *e, Part a, Part keep, bool is_signed);
 void emit_value_run(Emit *e, Inst *const *run, uint32_t n); /* varying values, none of which is emitted yet */
+
+/* ---- emit_newton.c: roots by Newton's steps, where the divider would be waited for */
+void emit_choose_roots(Emit *e, const Block *body); /* of a loop: which of them, into by_steps */
+Part emit_root_by_steps(Emit *e, Part v);           /* one part, of 64 bytes; every bit is that of the root */
 
 /* ---- emit_memory.c: sizes, addresses and lanes for the files below, and which of them emits an operation */
 void emit_memory_op(Emit *e, Inst *i);

@@ -201,6 +201,7 @@ static void emit_loop_as(Emit *e, Inst *i, Listed listed) {
         LL(BuildCondBr)(e->b, empty, skip_join, some);
         emit_at(e, some);
     }
+    emit_choose_roots(e, i->region[0]);
     Path head = {0};
     loop_head(e, &s, &head);
     new_join(e, &s, true, &s.latch);

@@ -223,6 +223,7 @@ static Part emit_row(Emit *e, const Inst *i, Part *x) {
 
 /* One part of a value row, by the table's lowering column. */
 static Part value_part(Emit *e, const Inst *i, Part *x) {
+    if (e->by_steps && e->by_steps[i->id]) return emit_root_by_steps(e, x[0]);
     switch ((Op)i->op) {
 #define U_BIN(name) LL(Build##name)(e->b, x[0], "")
 #define B_BIN(name) LL(Build##name)(e->b, x[0], x[1], "")
