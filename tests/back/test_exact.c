@@ -1,10 +1,11 @@
-/* What kernels compute another way than it is written: roots by Newton's steps. Every bit is that of the plain
- * operation. */
+/* What kernels compute another way than it is written: roots by Newton's steps, products and quotients that are 0 where
+ * a factor is. Every bit is that of the plain operation. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 
 #include <cmocka.h>
+#include <float.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -157,11 +158,59 @@ static void roots_of_kernels(void **state) {
     session_destroy(s);
 }
 
+/* ---- guarded products */
+enum { GUARDED = 4, KINDS = 12, PAIRS = (KINDS * KINDS + PAD - 1) / PAD * PAD };
+
+/* What is 0 where g is, or x is, whatever the other is. */
+static Fn *guarded(Session *s) {
+    Fn *fn = ir_fn(s, &s->module, "guarded", PREC_F32);
+    Builder b = ir_at_end(fn, fn->body);
+    Inst *x = ir_input(&b, IN_X0), *g = ir_input(&b, IN_X1), *zero = ir_constf(&b, 0);
+    Inst *once = ir_emit2(&b, OP_zmul, x, g), *quotient = ir_emit2(&b, OP_zdiv, g, x);
+    Inst *twice = ir_emit3(&b, OP_fsel, ir_emit2(&b, OP_feq, g, zero), zero, once);
+    Inst *other = ir_emit3(&b, OP_fsel, ir_emit2(&b, OP_feq, x, zero), zero, once); /* once more by the same */
+    ir_yield(&b, GUARDED, (Inst *[]){once, twice, other, quotient});
+    return fn;
+}
+
+static void guarded_products(void **state) {
+    (void)state;
+    static const char *const targets[] = {"sse2", "avx2", "avx512"};
+    static const float kinds[KINDS] = {0,         -0.0f,      1,       -1.5f, INFINITY, -INFINITY,
+                                       0x1p-149f, -0x1p-140f, FLT_MAX, 0.1f,  FLT_MIN,  0 /* a NaN */};
+    _Alignas(64) float x[PAIRS + PAD] = {0}, g[PAIRS + PAD] = {0}, out[GUARDED][PAIRS + PAD];
+    for (int i = 0; i < KINDS * KINDS; i++) {
+        x[i] = i % KINDS == KINDS - 1 ? __builtin_nanf("") : kinds[i % KINDS];
+        g[i] = i / KINDS == KINDS - 1 ? __builtin_nanf("") : kinds[i / KINDS];
+    }
+    for (int t = 0; t < 3; t++)
+        for (uint32_t w = 1; w <= 64 && host_runs(targets[t]); w *= 2) {
+            Session *s = session_create(0);
+            BackOptions o = {.width = w, .no_cache = true, .opt_level = 2};
+            assert_true(target_named(&o.target, targets[t]));
+            CompiledModule *m = compile(s, guarded(s), &o);
+            SltKernelArgs a = {
+                .in = {[IN_X0] = x, [IN_X1] = g}, .out = {out[0], out[1], out[2], out[3]}, .n_valid = PAIRS};
+            back_kernel(m, "kernel")(&a, PAIRS);
+            for (int i = 0; i < KINDS * KINDS; i++) {
+                const float once = x[i] == 0 ? 0 : x[i] * g[i], twice = g[i] == 0 ? 0 : once;
+                const float want[GUARDED] = {once, twice, once, g[i] == 0 ? 0 : g[i] / x[i]};
+                for (int k = 0; k < GUARDED; k++)
+                    if (!(isnan(want[k]) && isnan(out[k][i])) && bits_of(want[k]) != bits_of(out[k][i]))
+                        fail_msg("%s, %u lanes, output %d of %a, %a: %a, not %a", targets[t], w, k, (double)x[i],
+                                 (double)g[i], (double)out[k][i], (double)want[k]);
+            }
+            back_free(m);
+            session_destroy(s);
+        }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_root_of_two_binades),
         cmocka_unit_test(some_roots_by_steps),
         cmocka_unit_test(roots_of_kernels),
+        cmocka_unit_test(guarded_products),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -187,11 +187,33 @@ static Part two_to(Emit *e, Part a) {
     return from_bits(e, LL(BuildShl)(e->b, biased, kb(e, biased, wide ? 52 : 23), ""));
 }
 
+/* v, or 0 where a is. With masks the condition says where it is not: then what makes v clears the other lanes itself,
+ * and LLVM turns no condition round that is asked for more than once. */
+static bool has_masks(const Emit *e) { return e->opt->target.vector_bytes >= 64; }
+static Part is_nonzero(Emit *e, Part a) { return fcmp(e, LLVMRealUNE, a, kf(e, a, 0)); }
+static Part unless_zero(Emit *e, Part a, Part v) {
+    if (has_masks(e)) return sel(e, is_nonzero(e, a), v, kf(e, a, 0));
+    return sel(e, fcmp(e, LLVMRealOEQ, a, kf(e, a, 0)), kf(e, a, 0), v);
+}
+
+/* Is it g == 0 ? 0 : zmul(x, g), the product of which either factor may be 0 and the other infinite? */
+static bool is_guarded_twice(const Inst *i) {
+    if (i->op != OP_fsel || i->args[0]->op != OP_feq || i->args[2]->op != OP_zmul) return false;
+    const Inst *zero = i->args[0]->args[1], *none = i->args[1];
+    return i->args[0]->args[0] == i->args[2]->args[1] && zero->op == OP_constf && zero->imm.f == 0 &&
+           none->op == OP_constf && none->imm.f == 0 && !signbit(none->imm.f);
+}
+
+static Part product_guarded_twice(Emit *e, Part x, Part g) {
+    Part both = LL(BuildAnd)(e->b, is_nonzero(e, x), is_nonzero(e, g), "");
+    return sel(e, both, LL(BuildFMul)(e->b, x, g, ""), kf(e, x, 0));
+}
+
 static Part emit_row(Emit *e, const Inst *i, Part *x) {
     Part a = x[0], b = x[1];
     switch ((Op)i->op) {
-    case OP_zmul: return sel(e, fcmp(e, LLVMRealOEQ, a, kf(e, a, 0)), kf(e, a, 0), LL(BuildFMul)(e->b, a, b, ""));
-    case OP_zdiv: return sel(e, fcmp(e, LLVMRealOEQ, a, kf(e, a, 0)), kf(e, a, 0), LL(BuildFDiv)(e->b, a, b, ""));
+    case OP_zmul: return unless_zero(e, a, LL(BuildFMul)(e->b, a, b, ""));
+    case OP_zdiv: return unless_zero(e, a, LL(BuildFDiv)(e->b, a, b, ""));
     case OP_fmin: return sel(e, fcmp(e, LLVMRealOLT, b, a), b, a);
     case OP_fmax: return sel(e, fcmp(e, LLVMRealOLT, a, b), b, a);
     case OP_idiv:
@@ -288,6 +310,10 @@ void emit_value_op(Emit *e, Inst *i) {
     emit_slot(e, i)[0] = value_part(e, i, x);
 }
 
+static Part part_of(Emit *e, const Inst *i, uint32_t p) {
+    return emit_is_vector(e, i) ? emit_slot(e, i)[p] : emit_splat(e, emit_scalar(e, i));
+}
+
 /* One part after the other: what is between lives in few registers, whatever the width. */
 void emit_value_run(Emit *e, Inst *const *run, uint32_t n) {
     Part(*same)[3] = arena_alloc(e->arena, (n + 1) * sizeof *same);      /* operands that all parts share */
@@ -311,6 +337,10 @@ void emit_value_run(Emit *e, Inst *const *run, uint32_t n) {
             Part x[3] = {NULL, NULL, NULL};
             for (uint32_t j = 0; j < run[k]->nargs; j++)
                 x[j] = same[k][j] ? same[k][j] : emit_slot(e, j == 0 && first[k] ? first[k] : run[k]->args[j])[p];
-            emit_slot(e, run[k])[p] = value_part(e, run[k], x);
+            if (has_masks(e) && is_guarded_twice(run[k])) {
+                const Inst *product = run[k]->args[2];
+                emit_slot(e, run[k])[p] =
+                    product_guarded_twice(e, part_of(e, product->args[0], p), part_of(e, product->args[1], p));
+            } else emit_slot(e, run[k])[p] = value_part(e, run[k], x);
         }
 }
