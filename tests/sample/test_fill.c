@@ -5,6 +5,7 @@
 #include <stdint.h>
 
 #include <cmocka.h>
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -241,6 +242,26 @@ static void check_zeros(const Fill *f) {
 }
 static void test_zeros(void **unused) { (void)unused, for_all(check_zeros); }
 
+/* One number that is not finite, anywhere or nowhere, among finite ones up to the largest. */
+static void check_finite(const Fill *f) {
+    enum { MOST = 700 };
+    static const double not_finite[] = {INFINITY, -INFINITY, NAN};
+    for (uint32_t i = 0; i < 4000; i++) {
+        float narrow[MOST];
+        double wide[MOST];
+        const uint32_t from = word() % 3, n = word() % (MOST - 3), at = word() % MOST;
+        const bool within = at >= from && at < from + n;
+        for (uint32_t k = 0; k < MOST; k++) {
+            narrow[k] = k % 5 ? (float)rng_unit(word()) : k % 2 ? -FLT_MAX : FLT_MIN / 8;
+            wide[k] = k % 5 ? rng_unit(word()) : k % 2 ? -DBL_MAX : DBL_MIN / 8;
+        }
+        wide[at] = not_finite[i % 3], narrow[at] = (float)wide[at];
+        assert_int_equal(f->finite(narrow + from, n * sizeof *narrow, false), !within);
+        assert_int_equal(f->finite(wide + from, n * sizeof *wide, true), !within);
+    }
+}
+static void test_finite(void **unused) { (void)unused, for_all(check_finite); }
+
 /* Sums and adjoints number by number, with a mask and without, of halves and of one image. */
 static void check_residuals(const Fill *f) {
     enum { MOST = 100 };
@@ -417,9 +438,9 @@ static void test_gaussian(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_blocks), cmocka_unit_test(test_streams),   cmocka_unit_test(test_spread),
-        cmocka_unit_test(test_sums),   cmocka_unit_test(test_walks),     cmocka_unit_test(test_integrals),
-        cmocka_unit_test(test_zeros),  cmocka_unit_test(test_residuals), cmocka_unit_test(test_roots),
-        cmocka_unit_test(test_gather), cmocka_unit_test(test_gaussian)};
+        cmocka_unit_test(test_blocks), cmocka_unit_test(test_streams), cmocka_unit_test(test_spread),
+        cmocka_unit_test(test_sums),   cmocka_unit_test(test_walks),   cmocka_unit_test(test_integrals),
+        cmocka_unit_test(test_zeros),  cmocka_unit_test(test_finite),  cmocka_unit_test(test_residuals),
+        cmocka_unit_test(test_roots),  cmocka_unit_test(test_gather),  cmocka_unit_test(test_gaussian)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
