@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "runtime/sample/alloc.h"
+#include "runtime/sample/fill.h"
 #include "runtime/sample/untie_inner.h"
 
 enum {
@@ -40,6 +41,28 @@ void apart_free(Apart *a) {
     free(a);
 }
 
+/* One in which nothing lies along an axis, in the parameters that are active; false: there are none. */
+static bool direction(const SltScene *s, uint32_t seed, uint32_t number, double step, double *dir) {
+    enum { PART = 256 };
+    uint32_t lane[PART + FILL_OVER] = {0};
+    uint64_t counter[PART + FILL_OVER] = {0}, word[2][PART + FILL_OVER];
+    bool any = false;
+    for (uint32_t i = 0; i < PART; i++) lane[i] = number;
+    for (uint32_t p0 = 0; p0 < s->nfloats; p0 += PART) {
+        const uint32_t n = s->nfloats - p0 < PART ? s->nfloats - p0 : PART;
+        for (uint32_t i = 0; i < n; i++) counter[i] = p0 + i;
+        fill_best()->blocks(seed, RNG_COINCIDE, n, lane, counter, (uint64_t *const[2]){word[0], word[1]});
+        for (uint32_t i = 0; i < n; i++) {
+            const uint32_t p = p0 + i, u = (uint32_t)word[0][i], sign = (uint32_t)(word[0][i] >> 32) & 1;
+            const double v = s->f64 ? ((const double *)s->params)[p] : (double)((const float *)s->params)[p];
+            if (!s->active[p]) continue;
+            dir[p] = step * (sign ? 1 : -1) * (0.5 + 0.5 * rng_unit(u)) * fmax(0.1, fabs(v));
+            any = true;
+        }
+    }
+    return any;
+}
+
 bool apart_new(const SltScene *s, uint32_t seed, double step, Apart **out) {
     if (!s->nfloats || s->nfloats > MOST_FLOATS || !s->active) return true;
     double *dir = alloc_zero(s->nfloats, sizeof *dir);
@@ -48,14 +71,7 @@ bool apart_new(const SltScene *s, uint32_t seed, double step, Apart **out) {
     /* Forth and back, because one boundary may hide behind the other; along two directions, because along one both may
      * happen to move alike. */
     for (uint32_t m = 0; m < UNTIE_WAYS && ok; m++) {
-        for (uint32_t p = 0; p < s->nfloats && !(m & 1); p++) { /* back along the same direction */
-            uint32_t u[4];
-            if (!s->active[p]) continue;
-            rng_block(seed, RNG_COINCIDE, m / 2, p, u);
-            double v = s->f64 ? ((const double *)s->params)[p] : (double)((const float *)s->params)[p];
-            dir[p] = step * (u[1] & 1 ? 1 : -1) * (0.5 + 0.5 * rng_unit(u[0])) * fmax(0.1, fabs(v));
-            any = true;
-        }
+        if (!(m & 1)) any = direction(s, seed, m / 2, step, dir); /* back along the same direction */
         ok = any && scene_move(&a->move[m], s, dir, 0, m & 1 ? -1 : 1);
     }
     free(dir);
