@@ -139,13 +139,12 @@ static SltStatus begin_gradient(ApiCall *c, SltProgram *p, const SltJob *job, Gr
     return api_call_kernels_late(c, needs, late);
 }
 
-/* Where single precision tells too few places apart, or cannot hold their squares, the caller is told. */
+/* Where single precision tells too few places apart the caller is told. */
 static void note_ulps(ApiCall *c, bool integral) {
     if (!c->stats) return;
     c->job.integral |= integral;
     double ulps = slt_estimate_ulps(&c->p->scene, &c->job);
     c->stats->ulps = ulps < SLT_FEW_ULPS ? ulps : 0;
-    api_find_scale(c->p, c->stats);
 }
 
 /* What is infinite or NaN stays so in the result; it is counted, and the first one's place is looked for. So are
@@ -211,9 +210,12 @@ SltStatus slt_grad_images(SltProgram *p, const SltJob *job, uint32_t ndir, const
     if (s == SLT_OK) note_ulps(&c, false);
     uint64_t before = counted(&c);
     double **wide = NULL;
+    Beside beside = {0};
     if (s == SLT_OK) s = wide_directions(p, ndir, dirs, &wide, err);
+    if (s == SLT_OK) api_beside_begin(&beside, &c, false);
     if (s == SLT_OK)
         s = slt_estimate_forward(&p->scene, &c.job, ndir, (const double *const *)wide, out, crossings, c.stats, err);
+    api_beside_end(&beside);
     for (uint32_t k = 0; s == SLT_OK && k < ndir; k++) count_nonfinite_pixels(&c, out[k], wide[k]);
     wide_directions_free(ndir, wide);
     if (s == SLT_OK) s = api_steep(&c, NULL, spent(&c, before));
@@ -249,8 +251,11 @@ SltStatus slt_grad_adjoint(SltProgram *p, const SltJob *job, const float *adjoin
     if (s == SLT_OK) {
         OneRow row;
         double *all = gradient, *errors = stderr_bound;
+        Beside beside = {0};
         s = row_begin(p, &row, &all, &errors, err);
+        if (s == SLT_OK) api_beside_begin(&beside, &c, false);
         if (s == SLT_OK) s = slt_estimate_reverse(&p->scene, &c.job, both, all, errors, c.stats, err);
+        api_beside_end(&beside);
         s = row_end(p, &row, s, err);
     }
     if (s == SLT_OK) s = api_steep(&c, NULL, spent(&c, before));
@@ -267,8 +272,11 @@ SltStatus slt_grad_loss(SltProgram *p, const SltJob *job, const float *target, c
     if (s == SLT_OK) {
         OneRow row;
         double *all = gradient, *errors = stderr_bound;
+        Beside beside = {0};
         s = row_begin(p, &row, &all, &errors, err);
+        if (s == SLT_OK) api_beside_begin(&beside, &c, false);
         if (s == SLT_OK) s = slt_estimate_loss(&p->scene, &c.job, target, mask, loss, all, errors, image, c.stats, err);
+        api_beside_end(&beside);
         s = row_end(p, &row, s, err);
     }
     if (s == SLT_OK) s = api_steep(&c, NULL, spent(&c, before));
@@ -278,15 +286,15 @@ SltStatus slt_grad_loss(SltProgram *p, const SltJob *job, const float *target, c
 
 /* What lines have stepped over, and small things that no line has met: bounds find them. They are compiled for nothing
  * else, where that is no matter, or a site has no crossing at all. */
-static SltStatus add_hidden(ApiCall *c, SltIntegral *out) {
+static SltStatus add_hidden(ApiCall *c, const SltHidden *seen, SltIntegral *out) {
     enum { SMALL = 1000 };
     static const bool bounds[K_KINDS] = {[K_BOUNDS] = true};
     const SltScene *scene = &c->p->scene;
     if (c->job.no_boundary || !out->gradient_stderr || !slt_estimate_by_lines(scene)) return SLT_OK;
     if (!slt_estimate_has_unmet(scene) && !scene->kernel[SLT_K_BOUNDS] && walk_fn_size(c->p->prog->primal) > SMALL)
         return SLT_OK;
-    SltStatus s = api_call_kernels(c, bounds);
-    return s == SLT_OK ? slt_estimate_hidden(scene, &c->job, out, c->stats, c->err) : s;
+    SltStatus s = seen ? SLT_OK : api_call_kernels(c, bounds);
+    return s == SLT_OK ? slt_estimate_hidden(scene, &c->job, seen, out, c->stats, c->err) : s;
 }
 
 /* The arrays of an integral by parameter, as the runtime fills them. */
@@ -336,8 +344,12 @@ SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, 
     if (s == SLT_OK) {
         IntegralRows rows;
         s = rows_begin(p, &rows, &wanted, err);
+        Beside beside = {0};
+        if (s == SLT_OK) api_beside_begin(&beside, &c, met && wanted.gradient_stderr && !c.job.no_boundary);
         if (s == SLT_OK) s = slt_estimate_integral(&p->scene, &c.job, &wanted, c.stats, err);
-        if (s == SLT_OK) s = add_hidden(&c, &wanted);
+        api_beside_wait(&beside);
+        if (s == SLT_OK) s = add_hidden(&c, beside.hidden, &wanted);
+        api_beside_end(&beside);
         p->scene.met = NULL, p->scene.followed = NULL;
         if (s == SLT_OK && derives) s = api_steep(&c, &wanted, spent(&c, before));
         s = rows_end(p, &rows, &wanted, s, err);

@@ -141,9 +141,9 @@ static void look(Session *session, void *user) {
     arena_reset(&session->scratch, m);
 }
 
+bool api_seeks_scale(SltProgram *p) { return !p->opt.f64 && p->scales_sought++ < SEARCHES; }
+
 void api_find_scale(SltProgram *p, SltStats *stats) {
     Scale s = {.p = p, .stats = stats};
-    stats->out_of_range = 0;
-    if (p->opt.f64 || p->scales_sought++ >= SEARCHES) return;
     session_protect(p->session, look, &s); /* without memory nothing is said */
 }

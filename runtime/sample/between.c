@@ -12,33 +12,44 @@ enum { FEWEST = 12, MOST = 4096 /* vertices */, BOXES = 3 /* for each vertex, an
 #define COST 0.02 /* of the vertices of all lines */
 #define SURE 2.0  /* where some were found along fingers: how many standard deviations the others are */
 
-SltStatus between_add(Run *r, const Boundary *of, uint32_t replicates, double *missed, double *error) {
+static double vertices_of(const SltScene *s, const Boundary *of) {
+    return floor(pow(of->segments / s->dim, 1.0 / s->dim));
+}
+
+bool between_serves(const SltScene *s, const Boundary *of) {
+    return s->dim > 1 && !s->ngeometries && !s->uses_rand && s->kernel[SLT_K_BOUNDS] && vertices_of(s, of) >= 2;
+}
+
+SltStatus between_find(Run *r, const Boundary *of, uint32_t replicates, Between *b) {
     const SltScene *s = r->s;
     uint64_t size = (uint64_t)s->channels * s->nfloats;
-    double vertices = floor(pow(of->segments / s->dim, 1.0 / s->dim)), found[2] = {0}; /* by probes, by bounds */
+    double vertices = vertices_of(s, of);
     double lines = COST * of->segments / s->dim * replicates / (s->dim * fmax(vertices, 1));
-    if (s->dim == 1 || s->ngeometries || s->uses_rand || !s->kernel[SLT_K_BOUNDS] || vertices < 2) return SLT_OK;
     lines = pow(fmax(lines, FEWEST), 1.0 / (s->dim - 1));
     Windows windows = {.n = 1, .lines = (uint32_t)ceil(lines), .vertices = (uint32_t)fmin(vertices, MOST)};
     for (uint32_t d = 0; d < s->dim; d++) windows.side[d] = s->hi[d] - s->lo[d];
-    double *sum = alloc_zero(6 * size, sizeof *sum);
-    if (!sum) return status_fail(r->err, SLT_LIMIT, "out of memory");
+    *b = (Between){.lines = windows.lines, .vertices = vertices};
+    b->sum = alloc_dense(6 * size, sizeof *b->sum);
+    if (!b->sum) return status_fail(r->err, SLT_LIMIT, "out of memory");
     SltStatus st = SLT_OK;
     for (uint32_t cut = !scene_outputs(s, SLT_K_REGION, SLT_OUT_NEAR_SITE); cut < 2 && st == SLT_OK; cut++) {
         Boundary y = *of;
         y.windows = &windows, y.only_hidden = true;
         if (cut) y.boxes = BOXES_LEAST + BOXES * s->dim * (uint64_t)(pow(windows.lines, s->dim - 1) * vertices);
-        st = windows_run(r, &y, sum + cut * 3 * size, &found[cut]);
+        st = windows_run(r, &y, b->sum + cut * 3 * size, &b->found[cut]);
     }
+    return st;
+}
+
+void between_add(const SltScene *s, const Between *b, double *missed, double *error) {
+    uint64_t size = (uint64_t)s->channels * s->nfloats;
     /* What is found along fingers no line of its own would have met: as many of theirs, but for chance. */
-    double met = found[1] - found[0], known = s->followed ? *s->followed * windows.lines / vertices : 0,
+    double met = b->found[1] - b->found[0], known = s->followed ? *s->followed * b->lines / b->vertices : 0,
            part = met > 0 && met - known > (known > 0 ? SURE * sqrt(met) : 0) ? (met - known) / met : 0;
-    for (uint64_t i = 0; i < size && st == SLT_OK && part > 0; i++) {
-        double more = part * (sum[3 * size + i] - sum[i]), told = missed ? fabs(missed[i]) : 0;
+    for (uint64_t i = 0; i < size && part > 0; i++) {
+        double more = part * (b->sum[3 * size + i] - b->sum[i]), told = missed ? fabs(missed[i]) : 0;
         if (fabs(more) <= told) continue;
         error[i] += fabs(more) - told;
         if (missed) missed[i] = more;
     }
-    free(sum);
-    return st;
 }

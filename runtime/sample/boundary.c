@@ -11,6 +11,11 @@ static BoundaryRun *const estimators[SLT_ESTIMATORS] = {
 
 bool slt_estimate_by_differences(SltEstimator e) { return !estimators[e]; }
 
+double boundary_segments(const SltJob *j) {
+    if (j->segments) return (double)j->segments;
+    return j->integral ? (double)(j->samples ? j->samples : 1) : (double)(j->spp ? j->spp : 1);
+}
+
 void boundary_merge(Boundary *y, Worker *w) {
     if (w->sink.kind == SINK_FORWARD) splat_merge(&w->sink.splat, y->out, y->crossings);
     else if (y->parts) parts_merge(y->parts, &w->acc, &y->parts_of, y->targets);

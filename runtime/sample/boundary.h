@@ -57,6 +57,8 @@ bool boundary_in_order(const Run *r);
 void boundary_bind(Boundary *y, Worker *w, SinkKind kind);
 void boundary_merge(Boundary *y, Worker *w);
 
+double boundary_segments(const SltJob *j); /* as in Boundary.segments, of all replicates */
+
 /* scanline.c: the boundary term on y->windows. */
 SltStatus scanline_windows(Boundary *y);
 
@@ -69,8 +71,16 @@ SltStatus windows_run(Run *r, Boundary *y, double *sum, double *crossings);
 SltStatus unmet_add(Run *r, const Boundary *of, double *missed, double *error);
 
 /* between.c: where a few lines, cut by bounds, meet more than they met before, that is missed by all: it takes the
- * place of what is known to be missed, and is added to the error, [channels][nfloats]. */
-SltStatus between_add(Run *r, const Boundary *of, uint32_t replicates, double *missed, double *error);
+ * place of what is known to be missed, and is added to the error, [channels][nfloats]. To find it nothing need be known
+ * of what other lines have met. The caller frees `sum`, whatever happened. */
+typedef struct Between {
+    double found[2];        /* crossings, by probes, by bounds */
+    double lines, vertices; /* a side; of a line */
+    double *sum;            /* [2][3][channels][nfloats], likewise; NULL: nothing was looked for */
+} Between;
+bool between_serves(const SltScene *s, const Boundary *of);
+SltStatus between_find(Run *r, const Boundary *of, uint32_t replicates, Between *b);
+void between_add(const SltScene *s, const Between *b, double *missed, double *error);
 
 /* finer.c: about how many crossings lines that are eight times finer meet and those of an integral's replicates do not;
  * 0 where they meet about the same. */

@@ -19,14 +19,9 @@
 const char *const slt_drop_names[SLT_DROP_REASONS] = {"zero_gradient", "not_finite", "inconsistent", "no_event",
                                                       "no_root",       "static",     "depth",        "coincident"};
 
-static double segments_of(const SltJob *j) {
-    if (j->segments) return (double)j->segments;
-    return j->integral ? (double)(j->samples ? j->samples : 1) : (double)(j->spp ? j->spp : 1);
-}
-
 double slt_estimate_ulps(const SltScene *s, const SltJob *j) {
     double least = HUGE_VAL, replicates = j->replicates ? j->replicates : 4;
-    double lines = pow(segments_of(j) / (j->integral ? replicates : 1) / s->dim, 1.0 / s->dim);
+    double lines = pow(boundary_segments(j) / (j->integral ? replicates : 1) / s->dim, 1.0 / s->dim);
     for (uint32_t d = 0; d < s->dim && !s->f64; d++) {
         double spacing = (s->hi[d] - s->lo[d]) / fmax(1, lines * (j->integral ? 1 : j->size[d]));
         double far = fmax(FLT_MIN, fmax(fabs(s->lo[d]), fabs(s->hi[d]))); /* below it floats are evenly spaced */
@@ -139,7 +134,7 @@ SltStatus slt_estimate_forward(const SltScene *s, const SltJob *j, uint32_t ndir
         r.stats.seconds_interior = pool_now() - t, t = pool_now();
         r.pool.from = split, r.pool.to = 1;
         Boundary y = {
-            .run = &r, .segments = segments_of(j), .out = out, .crossings = crossings, .dirs = &d, .classes = 1};
+            .run = &r, .segments = boundary_segments(j), .out = out, .crossings = crossings, .dirs = &d, .classes = 1};
         if (st == SLT_OK && !j->no_boundary) st = boundary_run(&y, SINK_FORWARD);
         /* A few are steep for other reasons. */
         if (4 * r.rims > r.steep) r.stats.singular = (double)r.rims / (double)r.steep;
@@ -260,7 +255,7 @@ static SltStatus reverse(const SltScene *s, const SltJob *j, const float *const 
         memcpy(targets, part, own * sizeof *part);
         targets[own] = missed;
         Boundary y = {.run = &r,
-                      .segments = segments_of(j),
+                      .segments = boundary_segments(j),
                       .adjoint = halves ? images[0] : adjoint[0],
                       .classes = own,
                       .misses = classes > 1,
@@ -457,7 +452,7 @@ static SltStatus all_boundaries(Run *r, const Replicates *k) {
         y[i] = (Boundary){.run = r,
                           .replicate = i,
                           .replicates = k->n,
-                          .segments = segments_of(r->j) / k->n,
+                          .segments = boundary_segments(r->j) / k->n,
                           .targets = to,
                           .classes = 1};
     }
@@ -480,11 +475,11 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         st = status_fail(err, SLT_LIMIT, "out of memory");
     if (st == SLT_OK) {
         k.value = alloc_zero(k.n * (size_t)s->channels, sizeof(double));
-        k.interior = alloc_zero(k.n * k.size + 1, sizeof(double)),
-        k.boundary = alloc_zero(k.n * k.size + 1, sizeof(double));
-        k.missed = alloc_zero(k.n * k.size + 1, sizeof(double));
-        k.half = alloc_zero(k.size + 1, sizeof(double));
-        if (boundary_in_order(&r) && gradient && !(k.sketch = alloc_zero(SKETCHES * k.size, sizeof(double))))
+        k.interior = alloc_dense(k.n * k.size + 1, sizeof(double)),
+        k.boundary = alloc_dense(k.n * k.size + 1, sizeof(double));
+        k.missed = alloc_dense(k.n * k.size + 1, sizeof(double));
+        k.half = alloc_dense(k.size + 1, sizeof(double));
+        if (boundary_in_order(&r) && gradient && !(k.sketch = alloc_dense(SKETCHES * k.size, sizeof(double))))
             st = status_fail(err, SLT_LIMIT, "out of memory");
         r.met = s->met;
         if (r.met) r.met[s->nsites] = 1;
@@ -539,11 +534,11 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
             r.stats.singular =
                 tails_add(&tails, (double)r.stats.samples, k.n, s->nfloats, out->gradient, out->gradient_stderr);
         bool few_samples = k.n > 1 && (j->samples + k.n - 1) / k.n < BARS_FEWEST,
-             few_lines = k.n > 1 && !j->no_boundary && s->nsites && segments_of(j) / k.n < BARS_FEWEST;
+             few_lines = k.n > 1 && !j->no_boundary && s->nsites && boundary_segments(j) / k.n < BARS_FEWEST;
         if (few_samples) unknown_errors(s, out->value_stderr, s->channels, false);
         if ((few_samples && !j->no_interior) || few_lines) unknown_errors(s, out->gradient_stderr, k.size, true);
         if (gradient && !j->no_boundary) {
-            Boundary of = {.run = &r, .segments = segments_of(j) / k.n, .classes = 1};
+            Boundary of = {.run = &r, .segments = boundary_segments(j) / k.n, .classes = 1};
             Missed missed = {.told = out->missed_estimate, .gradient = out->gradient};
             bool asks = missed.told && missed.gradient && out->gradient_stderr;
             if (asks) st = finer_missed(&r, &of, k.n, &missed.number);
@@ -551,7 +546,7 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
             if (st == SLT_OK) st = ask_chance(&r, &k, out);
         }
         if (!s->f64 && r.kept.n && out->gradient_stderr && out->gradient)
-            least_of_weights(&r, segments_of(j) / k.n, k.n, out);
+            least_of_weights(&r, boundary_segments(j) / k.n, k.n, out);
         /* Bars that overflow, of slopes as small as 1e-40, are not known either. */
         for (uint64_t i = 0; i < k.size && out->gradient_stderr && out->gradient; i++)
             if (isnan(out->gradient_stderr[i]) && isfinite(out->gradient[i])) out->gradient_stderr[i] = HUGE_VAL;
@@ -562,29 +557,6 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
     tails_free(&tails);
     run_forget_few(&r);
     run_end(&r, stats);
-    return st;
-}
-
-bool slt_estimate_by_lines(const SltScene *s) { return s->met && s->nsites && s->met[s->nsites] && !s->uses_rand; }
-
-bool slt_estimate_has_unmet(const SltScene *s) { return slt_estimate_by_lines(s) && memchr(s->met, 0, s->nsites); }
-
-SltStatus slt_estimate_hidden(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
-    enum { REPLICATES = 4 };
-    SltJob j = *job;
-    Run r;
-    j.integral = true;
-    if (!slt_estimate_by_lines(s) || !out->gradient_stderr || !s->kernel[SLT_K_BOUNDS]) return SLT_OK;
-    SltStatus st = run_begin(&r, s, &j, err);
-    Boundary of = {.run = &r, .segments = segments_of(&j) / REPLICATES, .classes = 1};
-    r.met = s->met;
-    if (st == SLT_OK && slt_estimate_has_unmet(s)) st = unmet_add(&r, &of, out->missed_estimate, out->gradient_stderr);
-    r.met = NULL;
-    if (st == SLT_OK && !j.max_evaluations) /* a number that is given is obeyed */
-        st = between_add(&r, &of, REPLICATES, out->missed_estimate, out->gradient_stderr);
-    SltStats own = SLT_STATS_INIT;
-    run_end(&r, &own);
-    if (stats) stats->evaluations += own.evaluations; /* all else is as it was */
     return st;
 }
 

@@ -195,7 +195,16 @@ SltStatus slt_estimate_integral(const SltScene *s, const SltJob *j, SltIntegral 
  * estimate of what is missed and to the errors. Wants the kernel `bounds`. */
 bool slt_estimate_by_lines(const SltScene *s); /* is the answer that of lines? */
 bool slt_estimate_has_unmet(const SltScene *s);
-SltStatus slt_estimate_hidden(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err);
+/* What lines step over may be looked for before and while they run, with the same job, of derivatives of an integral
+ * with errors: by any one thread, and until then scene, job and what they point to must stay, and no kernel be
+ * exchanged. NULL: it is not likely to be asked for. */
+typedef struct SltHidden SltHidden;
+SltHidden *slt_estimate_hidden_new(const SltScene *s, const SltJob *j);
+void slt_estimate_hidden_look(SltHidden *h);
+void slt_estimate_hidden_free(SltHidden *h); /* h may be NULL */
+/* seen: what has been looked for; NULL: nothing. */
+SltStatus slt_estimate_hidden(const SltScene *s, const SltJob *j, const SltHidden *seen, SltIntegral *out,
+                              SltStats *stats, SltError *err);
 
 /* The crossing nearest to a on the segment from a to b, if any. */
 SltStatus slt_estimate_crossing(const SltScene *s, const double a[3], const double b[3], uint32_t stream,

@@ -1,5 +1,6 @@
 /* Who may use a program: one call at a time. A second one is told so, whether it comes from another thread or from a
  * callback; different programs do not meet. */
+#include <math.h>
 #include <pthread.h>
 #include <sched.h>
 #include <stdatomic.h>
@@ -187,8 +188,62 @@ static void races(void **state) {
     slt_program_free(shared);
 }
 
+/* What lines step over and the scale are found out beside an estimate, if threads may be used and bounds are there:
+ * here from the second call on. Nobody can tell from the answer. */
+enum { PARAMETERS = 3 };
+typedef struct Answer {
+    double value, value_stderr, row[5][PARAMETERS];
+    uint64_t evaluations;
+    int out_of_range;
+} Answer;
+
+static Answer ask(SltProgram *p, uint32_t threads) {
+    Answer a;
+    SltError err;
+    SltIntegral i = SLT_INTEGRAL_INIT;
+    SltStats stats = SLT_STATS_INIT;
+    SltJob job = SLT_JOB_INIT;
+    memset(&a, 0, sizeof a); /* they are compared as bytes */
+    i.value = &a.value, i.value_stderr = &a.value_stderr, i.gradient = a.row[0], i.gradient_stderr = a.row[1];
+    i.interior = a.row[2], i.boundary = a.row[3], i.missed_estimate = a.row[4];
+    job.estimator = SLT_EST_LATTICE, job.samples = job.segments = 4096, job.threads = threads;
+    assert_ok(slt_grad_integral(p, &job, &i, &stats, &err));
+    a.evaluations = stats.evaluations, a.out_of_range = stats.out_of_range;
+    return a;
+}
+
+static void beside(void **state) {
+    (void)state;
+    /* Bands that lines step over; of so tiny a picture squares of lengths vanish in single precision. */
+    static const char of[] = "param float r = 0.5;\n"
+                             "param float w = 1e-5;\n"
+                             "param float a = 0.1;\n"
+                             "[Domain(-%s, %s)] shader float main(float2 x) {\n"
+                             "    float f = 0.0;\n"
+                             "    for (int i = 0; i < 100; i++) {\n"
+                             "        float2 y = x - float2(a * (float(i) - 50.0), 0.0) * %s;\n"
+                             "        [Disc] if (abs(length(y) - r * %s) < w * %s) f += 1.0;\n"
+                             "    }\n"
+                             "    return f;\n"
+                             "}\n";
+    for (int tiny = 0; tiny < 2; tiny++) {
+        char text[1024];
+        const char *side = tiny ? "1e-30" : "1.0";
+        snprintf(text, sizeof text, of, side, side, side, side, side);
+        SltProgram *p = compile(text);
+        const Answer first = ask(p, 2);
+        assert_true(tiny ? first.out_of_range < 0 : !first.out_of_range);
+        const Answer alone = ask(p, 1), again = ask(p, 2);
+        assert_memory_equal(&again, &alone, sizeof alone);
+        assert_memory_equal(again.row, first.row, sizeof first.row);
+        /* They have met hardly one of the bands, and bounds say so. */
+        if (!tiny) assert_true(first.row[1][0] > fabs(first.row[0][0]) || first.row[4][1] != 0);
+        slt_program_free(p);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(callbacks), cmocka_unit_test(two_threads),
-                                       cmocka_unit_test(races)};
+                                       cmocka_unit_test(races), cmocka_unit_test(beside)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
