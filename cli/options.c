@@ -448,7 +448,6 @@ static bool say_of_itself(int argc, char **argv) {
 }
 
 int cli_parse(int argc, char **argv, Cli *c) {
-    memset(c, 0, sizeof *c);
     c->opt = SLT_OPTIONS_INIT;
     c->job = SLT_JOB_INIT;
     c->iters = 200, c->every = 10, c->repeats = 8, c->tolerance = 4, c->loss_timeout = 600;

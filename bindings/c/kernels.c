@@ -352,7 +352,9 @@ static void adopt_modules(const KernelOrder *q, const OrderFacts *f, CompiledMod
         if (p->opt.interpret) p->scene.kernel[k] = interpreted;
         else if (q->late[k]) p->scene.kernel[k] = slt_kernel_late;
         else p->scene.kernel[k] = back_kernel(m, kernel_names[k]), p->module_of[k] = m;
-        if (f->kernel[k].lanes > p->scene.widest) p->scene.widest = f->kernel[k].lanes;
+        const uint32_t lanes = f->kernel[k].lanes;
+        if (lanes > p->scene.widest) p->scene.widest = lanes;
+        if (lanes > p->scene.lanes[k]) p->scene.lanes[k] = lanes;
     }
     for (uint32_t c = 0; q->cull && module[0] && c < p->prog->ncull; c++)
         p->cull_kernels[c] = back_kernel(module[0], arena_printf(&p->session->module, "cull%u", c));

@@ -184,7 +184,9 @@ static void call(Batch *b, SltKernelKind kind, SltKernel *kernel, uint32_t n) {
         batch_stop(b, kind);
         return;
     }
-    uint32_t step = b->s->call || !b->s->widest ? (uint32_t)SLT_PAD : b->s->widest, end = (n + step - 1) / step * step;
+    uint32_t step = b->s->lanes[kind] ? b->s->lanes[kind] : b->s->widest;
+    if (b->s->call || !step) step = SLT_PAD;
+    const uint32_t end = (n + step - 1) / step * step;
     b->layout = &b->s->layout[kind];
     b->args.n_valid = n;
     if (end != n) pad(b, n, end);

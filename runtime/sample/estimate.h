@@ -65,6 +65,7 @@ typedef struct SltScene {
     bool site_logs;       /* SITE_VJP adds to adj nowhere */
     uint32_t adj_lanes;   /* SltKernelArgs.adj is flt[nfloats][adj_lanes] */
     uint32_t widest;      /* most lanes of any kernel; 0: SLT_PAD */
+    uint32_t lanes[SLT_KERNELS]; /* of this one, at most; 0: widest */
     uint32_t dim, channels;
     double lo[3], hi[3]; /* the domain, by axis */
     uint32_t nfloats, nints;

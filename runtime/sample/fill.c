@@ -1,16 +1,15 @@
 /* Which instruction set fills samples, and what needs none: streams. */
 #include <string.h>
 
+#include "runtime/base/cpu.h"
 #include "runtime/sample/fill.h"
 
 uint32_t fill_all(const Fill *all[3]) {
     uint32_t n = 0;
     all[n++] = &fill_plain;
 #if defined(__x86_64__)
-    if (__builtin_cpu_supports("avx2")) all[n++] = &fill_avx2;
-    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512dq") &&
-        __builtin_cpu_supports("avx512bw"))
-        all[n++] = &fill_avx512;
+    if (cpu_has_avx2()) all[n++] = &fill_avx2;
+    if (cpu_has_avx512()) all[n++] = &fill_avx512;
 #endif
     return n;
 }

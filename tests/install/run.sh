@@ -78,7 +78,7 @@ int main(void) {
 C
 $CC -fno-builtin -w -c clash.c && ar rcs libclash.a clash.o
 for order in "$archive libclash.a" "libclash.a $archive" "-Wl,--whole-archive libclash.a $archive -Wl,--no-whole-archive"; do
-    $CC clash_main.c -I "$prefix/include" $order -lOpenEXRCore -lpng -ljansson -lxxhash -lpthread -ldl -lm -o clashing || fail "clashing names: $order"
+    $CC clash_main.c -I "$prefix/include" $order -lOpenEXRCore -lpng -ljansson -lpthread -ldl -lm -o clashing || fail "clashing names: $order"
     SALTUS_STDLIB=$prefix/share/saltus/stdlib ./clashing || fail "clashing names, run: $order"
 done
 

@@ -7,14 +7,23 @@
 
 #include "compiler/back/cpu/emit.h"
 
+/* As in runtime/base/cpu.h. */
+#if defined(__has_include)
+#if __has_include(<sys/platform/x86.h>)
+#include <sys/platform/x86.h>
+#endif
+#endif
+#if defined(CPU_FEATURE_ACTIVE)
+#define HAS(NAME, name) CPU_FEATURE_ACTIVE(NAME)
+#else
+#define HAS(NAME, name) __builtin_cpu_supports(name)
+#endif
+
 static bool host_has(unsigned level) {
-    __builtin_cpu_init();
-    bool v3 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi") &&
-              __builtin_cpu_supports("bmi2");
+    const bool v3 = HAS(AVX2, "avx2") && HAS(FMA, "fma") && HAS(BMI1, "bmi") && HAS(BMI2, "bmi2");
     if (level == 3) return v3;
-    return v3 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
-           __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl") &&
-           __builtin_cpu_supports("avx512cd");
+    return v3 && HAS(AVX512F, "avx512f") && HAS(AVX512BW, "avx512bw") && HAS(AVX512DQ, "avx512dq") &&
+           HAS(AVX512VL, "avx512vl") && HAS(AVX512CD, "avx512cd");
 }
 
 /* Intel's servers from Sapphire Rapids on, which are told by vectors of half floats: measured there. Not by their

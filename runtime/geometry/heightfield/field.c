@@ -6,12 +6,12 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "runtime/base/cpu.h"
+
 static FieldIsa best_isa(void) {
 #if defined(__x86_64__)
-    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512dq") &&
-        __builtin_cpu_supports("avx512bw"))
-        return FIELD_ISA_AVX512;
-    if (__builtin_cpu_supports("avx2")) return FIELD_ISA_AVX2;
+    if (cpu_has_avx512()) return FIELD_ISA_AVX512;
+    if (cpu_has_avx2()) return FIELD_ISA_AVX2;
     return FIELD_ISA_SSE2;
 #else
     return FIELD_ISA_SCALAR;

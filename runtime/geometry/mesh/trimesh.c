@@ -14,12 +14,12 @@
 
 #include "saltus/mesh.h"
 
+#include "runtime/base/cpu.h"
+
 static TrimeshIsa best_isa(void) {
 #if defined(__x86_64__)
-    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512dq") &&
-        __builtin_cpu_supports("avx512bw"))
-        return TRIMESH_ISA_AVX512;
-    if (__builtin_cpu_supports("avx2")) return TRIMESH_ISA_AVX2;
+    if (cpu_has_avx512()) return TRIMESH_ISA_AVX512;
+    if (cpu_has_avx2()) return TRIMESH_ISA_AVX2;
 #endif
     return TRIMESH_ISA_PLAIN;
 }
