@@ -179,6 +179,7 @@ typedef struct ApiCall {
     int32_t *ints;            /* with integers of its own: all of them, where meshes have some */
     SltStats *stats, *theirs; /* &own, and the caller's, which gets own at the end; both NULL where none are wanted */
     SltError *err;
+    Side side; /* SltScene.side */
 } ApiCall;
 SltStatus api_call_begin(ApiCall *c, SltProgram *p, const SltJob *job, SltStats *stats, SltError *err);
 SltStatus api_call_kernels(ApiCall *c, const bool needs[K_KINDS]);

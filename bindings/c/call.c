@@ -6,6 +6,7 @@
 
 #include "bindings/c/api.h"
 #include "bindings/c/place.h"
+#include "runtime/base/threads.h"
 
 /* ---- one user at a time */
 /* An address that no other living thread has. */
@@ -113,6 +114,8 @@ SltStatus api_call_begin(ApiCall *c, SltProgram *p, const SltJob *job, SltStats 
     if (stats) c->stats = &c->own, c->theirs = stats;
     for (uint32_t d = slt_dim(p); d < 3; d++) c->job.size[d] = 1; /* those axes do not count */
     p->threads = c->job.threads;
+    side_begin(&c->side, pool_threads(c->job.threads, 2) > 1);
+    p->scene.side = &c->side;
     take_floats(p, c->job.floats);
     return take_ints(p, c->job.ints, &c->ints, err);
 }
@@ -132,6 +135,7 @@ SltStatus api_call_kernels_beside(ApiCall *c, const bool needs[K_KINDS], const b
 SltStatus api_call_end(ApiCall *c, SltStatus status) {
     SltProgram *p = c->p;
     if (!p) return status;
+    if (p->scene.side) side_end(p->scene.side), p->scene.side = NULL;
     api_late_settle(p);
     if (status == SLT_OK && p->error.status != SLT_OK)
         status = status_fail(c->err, p->error.status, "%s", p->error.text);

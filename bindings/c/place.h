@@ -36,15 +36,15 @@ bool api_seeks_scale(SltProgram *p); /* shall it be asked in this call? */
 /* beside.c: what is found out beside an estimate. Until it has been waited for the session is not to be used, but for
  * kernels that are compiled when they are called. */
 typedef struct Beside {
-    ApiCall *c;
-    bool scales, runs;
+    ApiCall *c; /* NULL: not begun */
+    bool scales;
     SltStats own;
     SltHidden *hidden; /* what lines step over, once it has been waited for; NULL: nobody has looked */
-    pthread_t thread;
+    SideWork scale, look;
 } Beside;
 /* hidden: the estimate will ask for what lines step over. */
 void api_beside_begin(Beside *b, ApiCall *c, bool hidden);
 void api_beside_wait(Beside *b);
-void api_beside_end(Beside *b); /* waits as well; nothing where b is all 0 */
+void api_beside_end(Beside *b); /* waits as well */
 
 #endif

@@ -1,6 +1,7 @@
 #include "runtime/base/threads.h"
 
 #include <pthread.h>
+#include <sched.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -30,12 +31,17 @@ double pool_now(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
+/* Those that the process may run on, which the system knows at once; to count those that are there takes a file. */
+static uint32_t cores(void) {
+    cpu_set_t set;
+    if (!sched_getaffinity(0, sizeof set, &set)) return (uint32_t)CPU_COUNT(&set);
+    const long n = sysconf(_SC_NPROCESSORS_ONLN);
+    return n > 0 ? (uint32_t)n : 1;
+}
+
 uint32_t pool_threads(uint32_t wanted, uint64_t tiles) {
-    if (tiles <= 1) return 1; /* to ask for the cores takes longer than to draw a small image */
-    if (!wanted) {
-        long cores = sysconf(_SC_NPROCESSORS_ONLN);
-        wanted = cores > 0 ? (uint32_t)cores : 1;
-    }
+    if (tiles <= 1) return 1;
+    if (!wanted) wanted = cores();
     if (wanted > POOL_MAX) wanted = POOL_MAX;
     if (tiles < wanted) wanted = (uint32_t)tiles;
     return wanted;

@@ -116,7 +116,7 @@ static inline void batch_set_stream(Batch *b, uint32_t i, int32_t stream, double
     batch_set_int(b, SLT_IN_STREAM, i, stream);
     batch_set(b, SLT_IN_RAND0, i, rand0 < 0x1.fffffep-1 ? rand0 : 0x1.fffffep-1);
 }
-/* Calls a kernel on samples 0 .. n-1 of the inputs; those up to the next multiple of SLT_PAD become copies of sample
+/* Calls a kernel on samples 0 .. n-1 of the inputs; those up to the next multiple of its lanes become copies of sample
  * n-1 (with zero seeds). */
 void batch_call(Batch *b, SltKernelKind kind, uint32_t n);
 /* In its place where the time or the memory is out: a tile may have minutes before it, and comes to its end at once

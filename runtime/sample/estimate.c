@@ -461,6 +461,48 @@ static SltStatus all_boundaries(Run *r, const Replicates *k) {
     return st;
 }
 
+/* The smooth part of an integral, by samples. */
+typedef struct Smooth {
+    Run run; /* a copy, with counts of its own */
+    uint32_t replicates;
+    uint64_t samples; /* of each */
+    double *value, *gradient;
+    Tails *tails;
+    SltStatus status;
+    SltError err;
+    bool begun, aside;
+    SideWork work;
+} Smooth;
+
+static void sample(void *arg) {
+    Smooth *m = arg;
+    const double t = pool_now();
+    m->status = interior_integral(&m->run, m->replicates, m->samples, m->value, m->gradient, m->tails);
+    m->run.stats.seconds_interior += pool_now() - t;
+}
+
+/* Few samples, which are no work for several threads, may run beside lines, which say how far they are; not those that
+ * print: that is for one thread at a time. */
+static SltStatus smooth_begin(Smooth *m, const Run *r, bool lines) {
+    const bool small = interior_is_small(r, m->replicates, m->samples);
+    m->run = *r, m->run.err = &m->err, m->run.pool.progress = NULL, m->begun = true;
+    m->work = (SideWork){.run = sample, .arg = m};
+    m->aside = lines && small && !r->s->print && side_add(r->s->side, &m->work);
+    if (m->aside) return SLT_OK;
+    m->run.pool.progress = r->pool.progress, m->run.pool.to = 0.7;
+    sample(m);
+    return m->status;
+}
+
+/* st: what became of the lines. */
+static SltStatus smooth_end(Smooth *m, Run *r, SltStatus st) {
+    if (!m->begun) return st;
+    side_finish(r->s->side, &m->work);
+    stats_add(&r->stats, &m->run.stats);
+    if (m->status != SLT_OK && r->err) *r->err = m->err;
+    return m->status != SLT_OK ? m->status : st;
+}
+
 /* Lines and samples, as many as the job says. */
 static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err) {
     Run r;
@@ -486,18 +528,20 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         if (!k.value || !k.interior || !k.boundary || !k.missed || !k.half)
             st = status_fail(err, SLT_LIMIT, "out of memory");
     }
+    Smooth smooth = {.replicates = k.n,
+                     .samples = (j->samples + k.n - 1) / k.n,
+                     .value = k.value,
+                     .gradient = gradient && !j->no_interior ? k.interior : NULL,
+                     .tails = &tails};
+    const bool lines = gradient && !j->no_boundary;
+    if (st == SLT_OK) st = smooth_begin(&smooth, &r, lines);
     double t = pool_now();
-    if (st == SLT_OK) {
-        r.pool.to = 0.7;
-        st = interior_integral(&r, k.n, (j->samples + k.n - 1) / k.n, k.value,
-                               gradient && !j->no_interior ? k.interior : NULL, &tails);
-    }
-    r.stats.seconds_interior += pool_now() - t, t = pool_now();
-    if (st == SLT_OK && gradient && !j->no_boundary) {
-        r.pool.from = 0.7, r.pool.to = 1;
+    if (st == SLT_OK && lines) {
+        r.pool.from = smooth.aside ? 0 : 0.7, r.pool.to = 1;
         st = all_boundaries(&r, &k);
     }
     r.stats.seconds_boundary += pool_now() - t;
+    st = smooth_end(&smooth, &r, st);
     for (uint64_t row = 0; st == SLT_OK && gradient && row < (uint64_t)k.n * s->channels; row++) {
         double *of[] = {k.interior + row * s->nfloats, k.boundary + row * s->nfloats, k.missed + row * s->nfloats};
         st = pull_rows(s, of, 3, err);

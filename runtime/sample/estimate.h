@@ -24,6 +24,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "runtime/base/side.h"
 #include "runtime/base/status.h"
 #include "saltus/job.h"
 #include "saltus/kernel.h"
@@ -122,6 +123,7 @@ typedef struct SltScene {
                                       varies them; 0: 14 and 15 */
     uint32_t ngeometries;
     const uint32_t *geometry_base; /* [ngeometries]: where in `params` the numbers of each begin */
+    struct Side *side;             /* a thread beside the one that answers; NULL: none */
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane);
     void *print_user;
 } SltScene;

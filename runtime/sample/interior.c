@@ -612,6 +612,10 @@ static void total_merge(void *user, uint32_t worker, uint64_t tile) {
     run_collect(p->run, w);
 }
 
+bool interior_is_small(const Run *r, uint32_t replicates, uint64_t samples) {
+    return samples <= INTEGRAL_TILE && !run_is_long(r, (double)samples * replicates);
+}
+
 SltStatus interior_integral(Run *r, uint32_t replicates, uint64_t samples, double *value, double *gradient,
                             Tails *tails) {
     const SltScene *s = r->s;
@@ -621,8 +625,7 @@ SltStatus interior_integral(Run *r, uint32_t replicates, uint64_t samples, doubl
     for (uint32_t d = 0; d < s->dim; d++) volume *= s->hi[d] - s->lo[d];
     p.weight = volume / (double)p.samples;
     p.tiles = (p.samples + INTEGRAL_TILE - 1) / INTEGRAL_TILE;
-    const uint64_t tiles = p.tiles * replicates,
-                   most = p.tiles > 1 || run_is_long(r, (double)p.samples * replicates) ? tiles : 1;
+    const uint64_t tiles = p.tiles * replicates, most = interior_is_small(r, replicates, p.samples) ? 1 : tiles;
     /* What a shader prints comes from the value kernel. */
     p.both = value && gradient && s->kernel[SLT_K_VJP] && scene_outputs(s, SLT_K_VJP, SLT_OUT_F) && !s->print;
     for (int pass = value && !p.both ? 0 : 1; pass < (gradient && s->kernel[SLT_K_VJP] ? 2 : 1); pass++) {

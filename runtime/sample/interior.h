@@ -46,5 +46,6 @@ SltStatus interior_forward(Run *r, const Directions *d, float *const *out);
  * gradient[replicates][channels][nfloats] when not NULL, whose samples join `tails` when that is not NULL. */
 SltStatus interior_integral(Run *r, uint32_t replicates, uint64_t samples, double *value, double *gradient,
                             Tails *tails);
+bool interior_is_small(const Run *r, uint32_t replicates, uint64_t samples); /* no work for several threads */
 
 #endif
