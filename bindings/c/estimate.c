@@ -139,12 +139,13 @@ static SltStatus begin_gradient(ApiCall *c, SltProgram *p, const SltJob *job, Gr
     return api_call_kernels_late(c, needs, late);
 }
 
-/* Where single precision tells too few places apart the caller is told. */
+/* Where single precision tells too few places apart, or cannot hold their squares, the caller is told. */
 static void note_ulps(ApiCall *c, bool integral) {
     if (!c->stats) return;
     c->job.integral |= integral;
     double ulps = slt_estimate_ulps(&c->p->scene, &c->job);
     c->stats->ulps = ulps < SLT_FEW_ULPS ? ulps : 0;
+    api_find_scale(c->p, c->stats);
 }
 
 /* What is infinite or NaN stays so in the result; it is counted, and the first one's place is looked for. So are
@@ -210,12 +211,9 @@ SltStatus slt_grad_images(SltProgram *p, const SltJob *job, uint32_t ndir, const
     if (s == SLT_OK) note_ulps(&c, false);
     uint64_t before = counted(&c);
     double **wide = NULL;
-    Beside beside = {0};
     if (s == SLT_OK) s = wide_directions(p, ndir, dirs, &wide, err);
-    if (s == SLT_OK) api_beside_begin(&beside, &c, false);
     if (s == SLT_OK)
         s = slt_estimate_forward(&p->scene, &c.job, ndir, (const double *const *)wide, out, crossings, c.stats, err);
-    api_beside_end(&beside);
     for (uint32_t k = 0; s == SLT_OK && k < ndir; k++) count_nonfinite_pixels(&c, out[k], wide[k]);
     wide_directions_free(ndir, wide);
     if (s == SLT_OK) s = api_steep(&c, NULL, spent(&c, before));
@@ -251,11 +249,8 @@ SltStatus slt_grad_adjoint(SltProgram *p, const SltJob *job, const float *adjoin
     if (s == SLT_OK) {
         OneRow row;
         double *all = gradient, *errors = stderr_bound;
-        Beside beside = {0};
         s = row_begin(p, &row, &all, &errors, err);
-        if (s == SLT_OK) api_beside_begin(&beside, &c, false);
         if (s == SLT_OK) s = slt_estimate_reverse(&p->scene, &c.job, both, all, errors, c.stats, err);
-        api_beside_end(&beside);
         s = row_end(p, &row, s, err);
     }
     if (s == SLT_OK) s = api_steep(&c, NULL, spent(&c, before));
@@ -272,11 +267,8 @@ SltStatus slt_grad_loss(SltProgram *p, const SltJob *job, const float *target, c
     if (s == SLT_OK) {
         OneRow row;
         double *all = gradient, *errors = stderr_bound;
-        Beside beside = {0};
         s = row_begin(p, &row, &all, &errors, err);
-        if (s == SLT_OK) api_beside_begin(&beside, &c, false);
         if (s == SLT_OK) s = slt_estimate_loss(&p->scene, &c.job, target, mask, loss, all, errors, image, c.stats, err);
-        api_beside_end(&beside);
         s = row_end(p, &row, s, err);
     }
     if (s == SLT_OK) s = api_steep(&c, NULL, spent(&c, before));
@@ -295,6 +287,19 @@ static SltStatus add_hidden(ApiCall *c, const SltHidden *seen, SltIntegral *out)
         return SLT_OK;
     SltStatus s = seen ? SLT_OK : api_call_kernels(c, bounds);
     return s == SLT_OK ? slt_estimate_hidden(scene, &c->job, seen, out, c->stats, c->err) : s;
+}
+
+static void look(void *hidden) { slt_estimate_hidden_look(hidden); }
+
+/* Begins with the first of these, on the call's second thread, where bounds are compiled and it is likely that lines
+ * will be asked; NULL: not begun. */
+static SltHidden *begin_hidden(const ApiCall *c, SideWork *work) {
+    Side *side = c->p->scene.side;
+    SltHidden *h = side->may && !c->job.no_boundary ? slt_estimate_hidden_new(&c->p->scene, &c->job) : NULL;
+    *work = (SideWork){.run = look, .arg = h};
+    if (!h || side_add(side, work)) return h;
+    slt_estimate_hidden_free(h);
+    return NULL;
 }
 
 /* The arrays of an integral by parameter, as the runtime fills them. */
@@ -335,26 +340,25 @@ SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, 
     if (!api_struct_read(&wanted, sizeof wanted, out)) return api_struct_unknown(err, "SltIntegral");
     ApiCall c;
     SltStatus s = begin_gradient(&c, p, job, OF_INTEGRAL, stats, err);
-    if (s == SLT_OK) note_ulps(&c, true);
-    uint64_t before = counted(&c);
     uint8_t *met = s == SLT_OK ? calloc(p->scene.nsites + 1, 1) : NULL;
     double followed = 0;
-    p->scene.met = met, p->scene.followed = &followed; /* without memory nobody asks */
+    SideWork work = {0};
+    if (s == SLT_OK) p->scene.met = met, p->scene.followed = &followed; /* without memory nobody asks */
+    SltHidden *hidden = met && wanted.gradient_stderr ? begin_hidden(&c, &work) : NULL;
+    if (s == SLT_OK) note_ulps(&c, true);
+    uint64_t before = counted(&c);
     bool derives = wanted.gradient || wanted.gradient_stderr;
     if (s == SLT_OK) {
         IntegralRows rows;
         s = rows_begin(p, &rows, &wanted, err);
-        Beside beside = {0};
-        if (s == SLT_OK) api_beside_begin(&beside, &c, met && wanted.gradient_stderr && !c.job.no_boundary);
         if (s == SLT_OK) s = slt_estimate_integral(&p->scene, &c.job, &wanted, c.stats, err);
-        api_beside_wait(&beside);
-        if (s == SLT_OK) s = add_hidden(&c, beside.hidden, &wanted);
-        api_beside_end(&beside);
+        side_finish(&c.side, &work);
+        if (s == SLT_OK) s = add_hidden(&c, hidden, &wanted);
         p->scene.met = NULL, p->scene.followed = NULL;
         if (s == SLT_OK && derives) s = api_steep(&c, &wanted, spent(&c, before));
         s = rows_end(p, &rows, &wanted, s, err);
     }
-    free(met);
+    free(met), slt_estimate_hidden_free(hidden);
     c.job.integral = true;
     if (s == SLT_OK) count_nonfinite(&c, wanted.value, p->prog->channels, false);
     if (s == SLT_OK) count_nonfinite(&c, wanted.gradient, (size_t)p->prog->channels * program_floats(p->prog), true);

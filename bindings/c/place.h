@@ -31,20 +31,5 @@ void api_name_drops(SltProgram *p, SltStats *stats);
 void api_find_nonfinite(SltProgram *p, const SltJob *job, const Blame *blame, SltStats *stats);
 /* scale.c: does single precision hold the squares that a root or a site asks about? Else that is noted, and where. */
 void api_find_scale(SltProgram *p, SltStats *stats);
-bool api_seeks_scale(SltProgram *p); /* shall it be asked in this call? */
-
-/* beside.c: what is found out beside an estimate. Until it has been waited for the session is not to be used, but for
- * kernels that are compiled when they are called. */
-typedef struct Beside {
-    ApiCall *c; /* NULL: not begun */
-    bool scales;
-    SltStats own;
-    SltHidden *hidden; /* what lines step over, once it has been waited for; NULL: nobody has looked */
-    SideWork scale, look;
-} Beside;
-/* hidden: the estimate will ask for what lines step over. */
-void api_beside_begin(Beside *b, ApiCall *c, bool hidden);
-void api_beside_wait(Beside *b);
-void api_beside_end(Beside *b); /* waits as well */
 
 #endif

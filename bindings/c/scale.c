@@ -141,9 +141,11 @@ static void look(Session *session, void *user) {
     arena_reset(&session->scratch, m);
 }
 
-bool api_seeks_scale(SltProgram *p) { return !p->opt.f64 && p->scales_sought++ < SEARCHES; }
-
 void api_find_scale(SltProgram *p, SltStats *stats) {
     Scale s = {.p = p, .stats = stats};
+    stats->out_of_range = 0;
+    if (p->opt.f64 || p->scales_sought++ >= SEARCHES) return;
+    pthread_mutex_lock(&p->late.lock);     /* whoever compiles a kernel now uses the session as well */
     session_protect(p->session, look, &s); /* without memory nothing is said */
+    pthread_mutex_unlock(&p->late.lock);
 }

@@ -25,6 +25,7 @@ enum { LOOK = 256 }; /* entries that tell how a log goes on */
 static void *new_pages(uint64_t bytes, bool zero) {
     if (bytes <= FEW_BYTES) {
         void *few = aligned_alloc(64, (bytes + 63) & ~(uint64_t)63);
+        if (few && zero) alloc_pages(few, bytes);
         return few && zero ? memset(few, 0, bytes) : few;
     }
     void *p = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);

@@ -9,19 +9,27 @@
 
 static inline void *alloc_zero(size_t n, size_t size) { return calloc(n ? n : 1, size ? size : 1); }
 
-/* The same, of what is written from end to end: the system gives its pages in one go. One by one as each is touched
- * takes twice as long, and twice that where it is read first: then it is a page of zeros that all share, until it is
- * written, and other threads are told that it has moved. */
-static inline void *alloc_dense(size_t n, size_t size) {
-    enum { PAGE = 4096, FEW = 4 * PAGE };
-    const size_t bytes = n * size;
-    char *p = bytes < FEW ? alloc_zero(n, size) : malloc(bytes);
-    if (!p || bytes < FEW) return p;
+enum { ALLOC_PAGE = 4096, ALLOC_FEW = 4 * ALLOC_PAGE };
+
+/* Before memory is written from end to end: the system gives its pages in one go. One by one as each is touched takes
+ * twice as long, and twice that where it is read first: then it is a page of zeros that all share, until it is written,
+ * and other threads are told that it has moved. */
+static inline void alloc_pages(void *p, size_t bytes) {
 #ifdef MADV_POPULATE_WRITE
-    const uintptr_t from = ((uintptr_t)p + PAGE - 1) / PAGE * PAGE, end = ((uintptr_t)p + bytes) / PAGE * PAGE;
-    madvise((void *)from, end - from, MADV_POPULATE_WRITE); /* where the system can */
+    const uintptr_t from = ((uintptr_t)p + ALLOC_PAGE - 1) / ALLOC_PAGE * ALLOC_PAGE,
+                    end = ((uintptr_t)p + bytes) / ALLOC_PAGE * ALLOC_PAGE;
+    if (bytes >= ALLOC_FEW) madvise((void *)from, end - from, MADV_POPULATE_WRITE); /* where the system can */
 #endif
-    return memset(p, 0, bytes);
+    (void)p, (void)bytes;
+}
+
+/* Zeroed memory that is written from end to end. */
+static inline void *alloc_dense(size_t n, size_t size) {
+    const size_t bytes = n * size;
+    if (bytes < ALLOC_FEW) return alloc_zero(n, size);
+    void *p = malloc(bytes);
+    if (p) alloc_pages(p, bytes), memset(p, 0, bytes);
+    return p;
 }
 
 #endif

@@ -2,6 +2,7 @@
 #include <float.h>
 #include <math.h>
 #include <stddef.h>
+#include <string.h>
 
 #include "runtime/sample/bars.h"
 #include "runtime/sample/sketch.h"
@@ -12,27 +13,43 @@ double bars_factor(uint32_t n) {
     return 0.5 * sqrt(nu * expm1(z * z / nu));
 }
 
-/* The mean of component i of n rows, and the square of its standard error. */
-static double mean_of(const double *rows, const double *other, uint32_t n, uint64_t size, uint64_t i,
-                      double *variance) {
-    double sum = 0, v = 0;
-    for (uint32_t k = 0; k < n; k++) sum += rows[k * size + i] + (other ? other[k * size + i] : 0);
-    sum /= n;
+enum { PART = 64 }; /* components at a time, which go side by side through vectors */
+
+/* The means of components from .. from + count - 1 of n rows, and the squares of their standard errors. */
+static void means_of(const double *rows, const double *other, uint32_t n, uint64_t size, uint64_t from, uint32_t count,
+                     double mean[PART], double variance[PART]) {
+    double v[PART] = {0};
+    for (uint32_t i = 0; i < PART; i++) mean[i] = 0;
     for (uint32_t k = 0; k < n; k++) {
-        double e = rows[k * size + i] + (other ? other[k * size + i] : 0) - sum;
-        v += e * e;
+        const double *a = rows + k * size + from, *b = other ? other + k * size + from : NULL;
+        if (b)
+            for (uint32_t i = 0; i < count; i++) mean[i] += a[i] + b[i];
+        else
+            for (uint32_t i = 0; i < count; i++) mean[i] += a[i];
     }
-    *variance = n < 2 ? 0 : isnan(v) ? HUGE_VAL : v / (n - 1) / n; /* of values that are not finite */
-    return sum;
+    for (uint32_t i = 0; i < count; i++) mean[i] /= n;
+    for (uint32_t k = 0; k < n; k++) {
+        const double *a = rows + k * size + from, *b = other ? other + k * size + from : NULL;
+        if (b)
+            for (uint32_t i = 0; i < count; i++) v[i] += (a[i] + b[i] - mean[i]) * (a[i] + b[i] - mean[i]);
+        else
+            for (uint32_t i = 0; i < count; i++) v[i] += (a[i] - mean[i]) * (a[i] - mean[i]);
+    }
+    for (uint32_t i = 0; i < count; i++) variance[i] = v[i] / (n - 1) / n;
+    for (uint32_t i = 0; i < count; i++)
+        variance[i] = n < 2 ? 0 : isnan(v[i]) ? HUGE_VAL : variance[i]; /* of values that are not finite */
 }
 
+static uint32_t part_of(uint64_t size, uint64_t from) { return size - from < PART ? (uint32_t)(size - from) : PART; }
+
 void bars_of_rows(const double *rows, const double *other, uint32_t n, uint64_t size, double *mean, double *error) {
-    double factor = n > 1 ? bars_factor(n) : 0, v;
+    double factor = n > 1 ? bars_factor(n) : 0, m[PART], v[PART];
     if (!mean && !error) return;
-    for (uint64_t i = 0; i < size; i++) {
-        double m = mean_of(rows, other, n, size, i, &v);
-        if (mean) mean[i] = m;
-        if (error) error[i] = factor * sqrt(v);
+    for (uint64_t from = 0; from < size; from += PART) {
+        const uint32_t count = part_of(size, from);
+        means_of(rows, other, n, size, from, count, m, v);
+        if (mean) memcpy(mean + from, m, count * sizeof *m);
+        for (uint32_t i = 0; i < count && error; i++) error[from + i] = factor * sqrt(v[i]);
     }
 }
 
@@ -41,11 +58,15 @@ void bars_of_rows(const double *rows, const double *other, uint32_t n, uint64_t 
  * each has met an edge equally often. What differences of lines say is exact for edges that end; a part of the spread
  * is for noise from line to line. */
 void bars_add_boundary(const Replicates *k, double part, double *error) {
-    double sketch[SKETCHES], v;
-    for (uint64_t i = 0; i < k->size; i++) {
-        mean_of(k->boundary, NULL, k->n, k->size, i, &v);
-        for (uint32_t q = 0; q < SKETCHES; q++) sketch[q] = k->sketch[q * k->size + i] / k->n;
-        error[i] = sqrt(error[i] * error[i] + part * v + sketch_variance(sketch));
+    double m[PART], v[PART], of_lines[PART];
+    for (uint64_t from = 0; from < k->size; from += PART) {
+        const uint32_t count = part_of(k->size, from);
+        means_of(k->boundary, NULL, k->n, k->size, from, count, m, v);
+        sketch_variances(k->sketch + from, k->size, k->n, count, of_lines);
+        for (uint32_t i = 0; i < count; i++) {
+            double *e = &error[from + i];
+            *e = sqrt(*e * *e + part * v[i] + of_lines[i]);
+        }
     }
 }
 
@@ -53,10 +74,11 @@ void bars_add_boundary(const Replicates *k, double part, double *error) {
  * than their last halving, about as much as that one found; of others see thin.h. It is known as well as replicates
  * agree on it. */
 void bars_add_missed(const Replicates *k, double *error) {
-    double v;
-    for (uint64_t i = 0; i < k->size; i++) {
-        error[i] += fabs(mean_of(k->missed, NULL, k->n, k->size, i, &v));
-        error[i] += sqrt(v);
+    double m[PART], v[PART];
+    for (uint64_t from = 0; from < k->size; from += PART) {
+        const uint32_t count = part_of(k->size, from);
+        means_of(k->missed, NULL, k->n, k->size, from, count, m, v);
+        for (uint32_t i = 0; i < count; i++) error[from + i] += fabs(m[i]), error[from + i] += sqrt(v[i]);
     }
 }
 

@@ -484,10 +484,12 @@ static void sample(void *arg) {
 /* Few samples, which are no work for several threads, may run beside lines, which say how far they are; not those that
  * print: that is for one thread at a time. */
 static SltStatus smooth_begin(Smooth *m, const Run *r, bool lines) {
-    const bool small = interior_is_small(r, m->replicates, m->samples);
+    enum { WORTH = 1 << 21 }; /* instructions, which take longer than a thread to begin */
+    const bool small = interior_is_small(r, m->replicates, m->samples),
+               worth = (double)m->samples * m->replicates * r->s->work > WORTH;
     m->run = *r, m->run.err = &m->err, m->run.pool.progress = NULL, m->begun = true;
     m->work = (SideWork){.run = sample, .arg = m};
-    m->aside = lines && small && !r->s->print && side_add(r->s->side, &m->work);
+    m->aside = lines && small && worth && !r->s->print && side_add(r->s->side, &m->work);
     if (m->aside) return SLT_OK;
     m->run.pool.progress = r->pool.progress, m->run.pool.to = 0.7;
     sample(m);

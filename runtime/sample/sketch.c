@@ -59,8 +59,11 @@ void sketch_weights_spread(const Sketch *k, uint32_t line, int axis, double weig
     }
 }
 
-double sketch_variance(const double sketch[SKETCHES]) {
-    double sum = 0;
-    for (uint32_t i = 0; i < SKETCHES; i++) sum += sketch[i] * sketch[i];
-    return sum / 24; /* a jump counts twice, and errs by its twelfth */
+void sketch_variances(const double *sketch, uint64_t stride, uint32_t replicates, uint32_t n, double *variance) {
+    for (uint32_t i = 0; i < n; i++) variance[i] = 0;
+    for (uint32_t q = 0; q < SKETCHES; q++) {
+        const double *of = sketch + q * stride;
+        for (uint32_t i = 0; i < n; i++) variance[i] += of[i] / replicates * (of[i] / replicates);
+    }
+    for (uint32_t i = 0; i < n; i++) variance[i] /= 24; /* a jump counts twice, and errs by its twelfth */
 }

@@ -29,7 +29,8 @@ void sketch_weights(const Sketch *k, const double x[3], int axis, double weight[
 void sketch_weights_spread(const Sketch *k, uint32_t line, int axis, double weight[SKETCHES]);
 /* For lines through so many points of the R2 sequence. */
 Sketch sketch_spread(uint32_t lines, uint32_t seed);
-/* The variance of the sum over all lines, from a component of the sketches of that sum. */
-double sketch_variance(const double sketch[SKETCHES]);
+/* The variances of n components of the sum over all lines, from the sketches of that sum, sketch[q * stride +
+ * component], which are those of all replicates together. */
+void sketch_variances(const double *sketch, uint64_t stride, uint32_t replicates, uint32_t n, double *variance);
 
 #endif

@@ -123,12 +123,34 @@ static double finds(const Worker *w, uint64_t run, uint64_t stride, double befor
     return found / SHIFTS;
 }
 
-/* By run, and along its line. */
+/* By run, and along its line; crossings are large, and lie still until it is known where they go. */
+typedef struct Place {
+    uint64_t run;
+    double at;
+    uint64_t from;
+} Place;
+
 static int by_run(const void *pa, const void *pb) {
-    const Crossing *a = pa, *b = pb;
-    if (a->thin != b->thin) return a->thin < b->thin ? -1 : 1;
-    double p = a->x[a->axis], q = b->x[b->axis];
-    return p < q ? -1 : p > q;
+    const Place *a = pa, *b = pb;
+    if (a->run != b->run) return a->run < b->run ? -1 : 1;
+    if (a->at < b->at || a->at > b->at) return a->at < b->at ? -1 : 1;
+    return a->from < b->from ? -1 : 1;
+}
+
+static bool sort_runs(Crossing *c, uint64_t n) {
+    Place *place = malloc(n * sizeof *place);
+    if (!place) return false;
+    for (uint64_t i = 0; i < n; i++) place[i] = (Place){c[i].thin, c[i].x[c[i].axis], i};
+    qsort(place, n, sizeof *place, by_run);
+    for (uint64_t i = 0; i < n; i++) { /* round by round, each to its place */
+        uint64_t to = i, from = place[i].from;
+        if (from == i) continue;
+        const Crossing first = c[i];
+        for (; from != i; to = from, from = place[to].from) c[to] = c[from], place[to].from = to;
+        c[to] = first, place[to].from = to;
+    }
+    free(place);
+    return true;
 }
 
 /* Do both tell of one decision, and is f behind b what it was before a? */
@@ -258,7 +280,7 @@ static uint64_t pair(Worker *w, Crossing *c, uint64_t n, const Net *t) {
 static void flush(Worker *w, const Net *t) {
     Sink *k = &w->sink;
     if (!k->nthin) return;
-    qsort(k->thin, k->nthin, sizeof *k->thin, by_run);
+    if (!sort_runs(k->thin, k->nthin)) k->failed = true, k->nthin = 0;
     uint64_t n = pair(w, k->thin, k->nthin, t);
     for (uint64_t i = 0; i < n; i += BATCH) {
         uint32_t some = (uint32_t)fmin(BATCH, (double)(n - i));

@@ -55,8 +55,9 @@ static bool direction(const SltScene *s, uint32_t seed, uint32_t number, double 
         for (uint32_t i = 0; i < n; i++) {
             const uint32_t p = p0 + i, u = (uint32_t)word[0][i], sign = (uint32_t)(word[0][i] >> 32) & 1;
             const double v = s->f64 ? ((const double *)s->params)[p] : (double)((const float *)s->params)[p];
+            const double size = fabs(v) > 0.1 ? fabs(v) : 0.1; /* of what is no number, too */
             if (!s->active[p]) continue;
-            dir[p] = step * (sign ? 1 : -1) * (0.5 + 0.5 * rng_unit(u)) * fmax(0.1, fabs(v));
+            dir[p] = step * (sign ? 1 : -1) * (0.5 + 0.5 * rng_unit(u)) * size;
             any = true;
         }
     }
