@@ -50,14 +50,14 @@ bool side_add(Side *s, SideWork *w) {
 }
 
 void side_finish(Side *s, SideWork *w) {
-    if (!s || w->state == SIDE_NONE) return;
+    if (!s) return;
     pthread_mutex_lock(&s->lock);
     const bool here = w->state == SIDE_WAITS;
-    if (here) *place_of(s, w) = w->next, w->state = SIDE_RUNS;
-    while (!here && w->state != SIDE_DONE) pthread_cond_wait(&s->changed, &s->lock);
+    if (here) *place_of(s, w) = w->next, w->state = SIDE_NONE;
+    while (w->state == SIDE_RUNS) pthread_cond_wait(&s->changed, &s->lock);
+    w->state = SIDE_NONE;
     pthread_mutex_unlock(&s->lock);
     if (here) w->run(w->arg);
-    w->state = SIDE_NONE;
 }
 
 void side_end(Side *s) {
