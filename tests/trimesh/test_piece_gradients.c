@@ -71,14 +71,16 @@ static double value_at(SltProgram *p, const double *floats) {
     return out;
 }
 
-static void gradient_of(SltProgram *p, double *gradient) {
+static void gradient_at(SltProgram *p, const double *floats, double *gradient) {
     SltJob job = SLT_JOB_INIT;
     SltIntegral out = SLT_INTEGRAL_INIT;
     SltError err = {0};
-    job.samples = 4, job.estimator = SLT_EST_LATTICE;
+    job.samples = 4, job.estimator = SLT_EST_LATTICE, job.floats = floats;
     out.gradient = gradient;
     if (slt_grad_integral(p, &job, &out, NULL, &err) != SLT_OK) fail_msg("%s", err.text);
 }
+
+static void gradient_of(SltProgram *p, double *gradient) { gradient_at(p, NULL, gradient); }
 
 /* Central, of the fourth order. */
 static double difference(SltProgram *p, double *floats, uint32_t i, double step) {
@@ -236,6 +238,89 @@ static void test_subdivided(void **state) {
     }
 }
 
+/* ---- triangles around the eye */
+
+/* Linear in the centre, of one window or of its nine parts: the same sum. */
+static const char of_parts[] =
+    "    float sum = 0.0;\n"
+    "    for (int j = 0; j < PARTS; j++)\n"
+    "        for (int i = 0; i < PARTS; i++) {\n"
+    "            b.corner = corner + (float(i) * u + float(j) * v) / PARTS.0; b.u = u / PARTS.0; b.v = v / PARTS.0;\n"
+    "            for (Piece q = m.first(b); q.found; q = m.next(q))\n"
+    "                sum += WHAT * (1.0 + 0.3 * float(q.tri)) / (PARTS.0 * PARTS.0);\n"
+    "        }\n"
+    "    return sum;\n";
+static const char area_and_centre[] =
+    "q.area * (1.0 + (float(i) + q.centre.x - 2.0 * (float(j) + q.centre.y)) / PARTS.0)";
+static const char lit_area[] = "m.lit(q, float3(0.3, 0.2, -0.1))";
+
+static SltProgram *compile_parts(const Scene *s, const char *what, int parts) {
+    SltOptions opt = precision(true);
+    char body[2048];
+    size_t n = 0;
+    for (const char *c = of_parts; *c; c++)
+        if (strncmp(c, "WHAT", 4)) body[n++] = *c;
+        else n += (size_t)sprintf(body + n, "%s", what), c += 3;
+    body[n] = 0;
+    for (char *c = body; (c = strstr(c, "PARTS"));)
+        c[0] = (char)('0' + parts), memmove(c + 1, c + 5, strlen(c + 5) + 1);
+    return compile(s, fixed_beam, body, &opt);
+}
+
+/* Lines of edges that end behind the eye go through a window and cut what hides them: what is on either side of the cut
+ * moves alike, so that a window's derivative is the sum of those of its parts. */
+static void parts_agree(const char *what, uint64_t seed, uint32_t rounds) {
+    static Scene s;
+    static double floats[MOST_FLOATS], whole[MOST_FLOATS], parts[MOST_FLOATS];
+    uint32_t scenes = 0;
+    s = (Scene){0};
+    scene_soup(&s, 4, 1.6, &seed);
+    scene_beam(&s, 0, -1, 2);
+    SltProgram *one = compile_parts(&s, what, 1), *nine = compile_parts(&s, what, 3);
+    const uint32_t n = slt_float_count(one), beam = 3 * s.nvertices;
+    assert_true(n == slt_float_count(nine) && n <= MOST_FLOATS && n == beam + SLT_BEAM_ROWS);
+    for (uint32_t round = 0; round < rounds; round++) {
+        double most = 0, scale = 0;
+        for (uint32_t i = 0; i < beam; i++) floats[i] = 3 * (scene_uniform(&seed) - 0.5);
+        for (uint32_t a = 0; a < 3; a++) {
+            floats[beam + SLT_BEAM_EYE + a] = scene_uniform(&seed) - 0.5;
+            floats[beam + SLT_BEAM_U + a] = 2 * (scene_uniform(&seed) - 0.5);
+            floats[beam + SLT_BEAM_V + a] = 2 * (scene_uniform(&seed) - 0.5);
+        }
+        for (uint32_t a = 0; a < 3; a++) /* a step before the eye, whose foot is in the window */
+            floats[beam + SLT_BEAM_CORNER + a] = floats[beam + SLT_BEAM_EYE + a] + scene_uniform(&seed) - 0.5 -
+                                                 0.5 * (floats[beam + SLT_BEAM_U + a] + floats[beam + SLT_BEAM_V + a]);
+        gradient_at(one, floats, whole), gradient_at(nine, floats, parts);
+        for (uint32_t i = 0; i < n; i++)
+            most = fmax(most, fabs(whole[i] - parts[i])), scale = fmax(scale, fabs(whole[i]));
+        if (!(most <= 1e-6 * scale + 1e-9)) fail_msg("%s, %u: %g of %g", what, round, most, scale);
+        scenes += scale > 1e-2;
+    }
+    slt_program_free(one), slt_program_free(nine);
+    assert_true(scenes > rounds / 2);
+}
+
+static void test_around_eye(void **state) {
+    (void)state;
+    parts_agree(area_and_centre, 16, 400);
+    parts_agree(lit_area, 17, 200);
+}
+
+/* Of an edge with an end behind the eye, opposite a place of the window. */
+static void test_opposite_end(void **state) {
+    (void)state;
+    static Scene s;
+    static const double at[6][3] = {{-0.421, 0.29, 1.456},  {-0.077, 0.387, -1.941}, {-5.527, 4.614, -4.485},
+                                    {1.273, -0.811, 0.641}, {-0.5, -0.205, 1.284},   {-1.629, 6.533, -3.697}};
+    static const double beam[SLT_BEAM_ROWS] = {0, 0, 0, -0.5, -0.5, 1, 1, 0, 0, 0, 1, 0};
+    s = (Scene){0};
+    for (int k = 0; k < 6; k++) scene_vertex(&s, at[k][0], at[k][1], at[k][2]);
+    scene_face(&s, 0, 1, 2), scene_face(&s, 3, 4, 5);
+    memcpy(s.beam, beam, sizeof beam);
+    const double error = worst(&s, everything);
+    if (!(error < 1e-8)) fail_msg("%g", error);
+}
+
 /* ---- what runs it */
 
 enum { SIZE = 24 };
@@ -340,9 +425,9 @@ static void test_forwards(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_differences), cmocka_unit_test(test_far_eye),
-                                       cmocka_unit_test(test_single),      cmocka_unit_test(test_subdivided),
-                                       cmocka_unit_test(test_same_bits),   cmocka_unit_test(test_widths),
-                                       cmocka_unit_test(test_forwards)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_differences), cmocka_unit_test(test_far_eye),    cmocka_unit_test(test_single),
+        cmocka_unit_test(test_subdivided),  cmocka_unit_test(test_same_bits),  cmocka_unit_test(test_widths),
+        cmocka_unit_test(test_forwards),    cmocka_unit_test(test_around_eye), cmocka_unit_test(test_opposite_end)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

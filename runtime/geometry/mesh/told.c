@@ -427,21 +427,22 @@ static void tell_edge(Search *s, Side *side, uint32_t number, uint32_t k, int32_
         tell_side(s, side, edge[0], edge[1], side->g, 0, 1);
         return;
     }
-    double p[2][3], own_part[2] = {0, 1};
+    /* In the plane of both ends directions lie around a circle: of those that are beyond either end, as where an end
+     * behind the eye is seen from the back, the first end has them, whatever else the side reaches. */
+    double p[2][3], own_part[2] = {0, 1}, beyond[2][2];
     for (int i = 0; i < 2; i++) window_vertex(s, edge[i], p[i]);
-    for (int i = 0; i < 2; i++) on_side_of(side, p[i], p[!i], &own_part[0], &own_part[1]);
-    tell_side(s, side, edge[0], edge[1], side->g, own_part[0], own_part[1]);
-    if (own_part[0] <= 0 && own_part[1] >= 1) return;
     for (int i = 0; i < 2; i++) {
-        double ahead[2] = {0, 1};
-        on_side_of(side, p[i], p[!i], &ahead[0], &ahead[1]);
-        if (!(ahead[0] < ahead[1])) {
-            tell_beyond(s, side, edge, edge[i], p[!i], 0, 1);
-            return;
-        }
-        if (ahead[0] > 0) tell_beyond(s, side, edge, edge[i], p[!i], 0, ahead[0]);
-        else if (ahead[1] < 1) tell_beyond(s, side, edge, edge[i], p[!i], ahead[1], 1);
+        const double from = own_part[0], to = own_part[1];
+        beyond[i][0] = from, beyond[i][1] = to;
+        if (!(from < to)) continue;
+        on_side_of(side, p[i], p[!i], &own_part[0], &own_part[1]);
+        if (!(own_part[0] < own_part[1])) continue;
+        if (own_part[0] > from) beyond[i][1] = own_part[0];
+        else beyond[i][0] = own_part[1];
     }
+    tell_side(s, side, edge[0], edge[1], side->g, own_part[0], own_part[1]);
+    for (int i = 0; i < 2; i++)
+        if (beyond[i][0] < beyond[i][1]) tell_beyond(s, side, edge, edge[i], p[!i], beyond[i][0], beyond[i][1]);
 }
 
 /* How many there are; more than SLT_PIECE_MAX_SIDES were not told. */
