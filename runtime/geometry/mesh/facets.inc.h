@@ -215,8 +215,10 @@ static void add_near(Search *s, const Window *w, Waiting *from) {
     if (!from->n ||
         !window_room(store, &store->near.data, store->near.n, &store->near.room, 8, sizeof *store->near.data) ||
         !window_room(store, &store->boxes.data, (store->near.n + 7) / 8, &store->boxes.room, 2,
-                     sizeof *store->boxes.data))
+                     sizeof *store->boxes.data)) {
+        from->n = 0; /* of which more may come */
         return;
+    }
     D8 at[3][3], normal[3][3], det, size;
     for (int k = 0; k < 3; k++)
         for (int a = 0; a < 3; a++) {
