@@ -145,7 +145,7 @@ static void note_ulps(ApiCall *c, bool integral) {
     c->job.integral |= integral;
     double ulps = slt_estimate_ulps(&c->p->scene, &c->job);
     c->stats->ulps = ulps < SLT_FEW_ULPS ? ulps : 0;
-    api_find_scale(c->p, c->stats);
+    api_find_scale(c->p, &c->job, c->stats);
 }
 
 /* What is infinite or NaN stays so in the result; it is counted, and the first one's place is looked for. So are

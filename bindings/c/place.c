@@ -40,7 +40,7 @@ static double get(bool f64, const void *array, uint32_t lane) {
     return f64 ? ((const double *)array)[lane] : (double)((const float *)array)[lane];
 }
 
-void api_inputs_begin(PointInputs *in, const SltProgram *p) {
+void api_inputs_begin(PointInputs *in, const SltProgram *p, const SltJob *job) {
     memset(in, 0, sizeof *in);
     in->f64 = p->opt.f64;
     in->args = (SltKernelArgs){
@@ -51,12 +51,23 @@ void api_inputs_begin(PointInputs *in, const SltProgram *p) {
     for (uint32_t c = 0; c < SLT_MAX_CHANNELS; c++) in->args.in[SLT_IN_SEED0 + c] = in->ones;
     for (uint32_t o = 0; o < SLT_OUT_MAX; o++) in->args.out[o] = in->out[o];
     in->args.in[SLT_IN_STREAM] = in->stream, in->args.in[SLT_IN_RAND0] = in->flt[3];
+    for (uint32_t d = 0; d < 2; d++) {
+        if (job && !job->integral && d < p->scene.dim) in->args.resolution[d] = (int32_t)job->size[d];
+        in->lo[d] = p->scene.lo[d], in->side[d] = (p->scene.hi[d] - p->scene.lo[d]) / in->args.resolution[d];
+        in->args.in[SLT_IN_PIXEL0 + d] = in->pixel[d];
+    }
 }
 
 void api_inputs_point(PointInputs *in, uint32_t lane, const double x[3], int32_t stream, double rand0) {
     for (uint32_t d = 0; d < 3; d++) put(in, in->flt[d], lane, x[d]);
     put(in, in->flt[3], lane, rand0);
     in->stream[lane] = stream;
+    for (uint32_t d = 0; d < 2; d++) {
+        const int32_t last = in->args.resolution[d] - 1;
+        const double at = (x[d] - in->lo[d]) / in->side[d];
+        const int32_t cell = !(at > 0) ? 0 : at > last ? last : (int32_t)at;
+        in->pixel[d][lane] = d ? last - cell : cell; /* rows from the top */
+    }
 }
 
 /* ---- the first decision that differs between two points */
@@ -94,7 +105,7 @@ static void name_drop(const SltProgram *p, SltPlace *at) {
     PointInputs in;
     uint64_t fuel = DECIDE_FUEL;
     Deciding t = {SPAN_NONE};
-    api_inputs_begin(&in, p);
+    api_inputs_begin(&in, p, NULL);
     api_inputs_point(&in, 0, at->x, at->stream, at->rand0);
     api_inputs_point(&in, 1, at->beyond, at->stream, at->rand0);
     if (ir_interpret_watched(p->prog->primal, &in.args, 2, 2, &fuel, 0, see_decision, &t) == SLT_OK)
@@ -400,7 +411,7 @@ static void find_place(Session *s, void *user) {
         uint32_t nf = p->prog->nfloats;
         l->adjoint = ARENA_ARRAY(&s->scratch, double, nf + 1);
         l->direction = ARENA_ARRAY(&s->scratch, double, nf + 1);
-        api_inputs_begin(&l->in, p);
+        api_inputs_begin(&l->in, p, n->job);
         for (uint32_t f = 0; f < nf; f++) put(&l->in, l->direction, f, b->direction ? b->direction[f] : 1);
         l->in.args.adj = l->adjoint, l->in.args.dparams = l->direction;
         if (b->pixel) look_in_pixel(l, b->pixel, 0, n->job->spp > EXTRA ? n->job->spp : EXTRA);

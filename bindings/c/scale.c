@@ -10,9 +10,12 @@
 #include "bindings/c/api.h"
 #include "bindings/c/place.h"
 #include "compiler/ir/ir.h"
+#include "compiler/ir/query.h"
 
 enum {
     LANES = POINT_LANES,
+    SEEN_BY =
+        8, /* lanes that look at one point, where windows are searched: a search takes as long as the rest of it */
     FUEL = 1 << 13, /* instructions, each on LANES points */
     SEARCHES = 16,  /* of a program: values of parameters change little from call to call */
     FEWEST = 32     /* points at which an instruction has run */
@@ -32,6 +35,7 @@ typedef struct Asked {
 
 typedef struct Scale {
     SltProgram *p;
+    const SltJob *job;
     SltStats *stats;
     Lost *lost;   /* by id */
     Asked *asked; /* by id */
@@ -106,6 +110,15 @@ static const Inst *find(const Scale *s, const Block *b, double most, bool *high)
     return NULL;
 }
 
+/* Are windows looked through, or light that comes past a mesh? */
+static bool searches(const Program *prog) {
+    bool any = false;
+    for (uint32_t g = 0; g < prog->ngeometries; g++)
+        for (uint32_t q = 0; q < SLT_QUERIES; q++)
+            any |= prog->geometries[g].queries >> q & 1 && query_rows[q].witness == WITNESS_UNIT;
+    return any;
+}
+
 static void look(Session *session, void *user) {
     static const double golden[3] = {0.8191725133961645, 0.6710436067037893, 0.5497004779019703};
     Scale *s = user;
@@ -117,19 +130,21 @@ static void look(Session *session, void *user) {
     s->asked = ARENA_ARRAY(&session->scratch, Asked, fn->ninsts + 1);
     memset(s->lost, 0, sizeof *s->lost * (fn->ninsts + 1));
     memset(s->asked, 0, sizeof *s->asked * (fn->ninsts + 1));
-    api_inputs_begin(in, p);
+    api_inputs_begin(in, p, s->job);
+    const uint32_t by = searches(p->prog) ? SEEN_BY : 1;
     for (uint32_t k = 0; k < LANES; k++) {
         double x[3] = {0};
         for (uint32_t d = 0; d < p->scene.dim; d++) {
-            double u = (k + 0.5) * golden[d];
+            double u = (k / by + 0.5) * golden[d];
             x[d] = p->scene.lo[d] + (u - floor(u)) * (p->scene.hi[d] - p->scene.lo[d]);
         }
-        api_inputs_point(in, k, x, (int32_t)k, 0.5);
+        api_inputs_point(in, k, x, (int32_t)(k / by), 0.5);
     }
     uint64_t fuel = FUEL;
     bool high = false;
     /* Where the fuel is out, what has run until then tells. */
     ir_interpret_watched(fn, &in->args, LANES, LANES, &fuel, 0, see, s);
+    (void)api_geometries_lost(p), (void)api_geometries_blind(p, NULL); /* that was no answer */
     double far = 0;
     for (uint32_t d = 0; d < p->scene.dim; d++) far = fmax(far, fmax(fabs(p->scene.lo[d]), fabs(p->scene.hi[d])));
     const Inst *i = find(s, fn->body, far > FAR ? 0 : MOST, &high);
@@ -141,8 +156,8 @@ static void look(Session *session, void *user) {
     arena_reset(&session->scratch, m);
 }
 
-void api_find_scale(SltProgram *p, SltStats *stats) {
-    Scale s = {.p = p, .stats = stats};
+void api_find_scale(SltProgram *p, const SltJob *job, SltStats *stats) {
+    Scale s = {.p = p, .job = job, .stats = stats};
     stats->out_of_range = 0;
     if (p->opt.f64 || p->scales_sought++ >= SEARCHES) return;
     pthread_mutex_lock(&p->late.lock);     /* whoever compiles a kernel now uses the session as well */

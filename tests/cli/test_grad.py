@@ -441,6 +441,13 @@ class Bars(Case):
         for g in "length(max(abs(x) - r, 0.0)) <= 0.0", "exp(-1e4 * dot(x, x)) > r", "1e-30 * length(x) < 1e-30 * r":
             self.put("f.salt", disc % (0.4, 1, 1, g))
             self.assertNotIn("out_of_range", said(), g)
+        self.put("f.salt", disc % (0.4, 1, 1, "length(x + 1e25 * float2(pixel())) < 1e25 * r"))
+        codes = lambda: [w["code"] for w in self.json_cli("grad", "f.salt", "--size", 16, "-o", "o.npy")["warnings"]]
+        self.assertIn("out_of_range", codes())  # pixels are those of the image
+        self.put("m.obj", "v -1 -1 0\nv 1 -1 0\nv 0 1 0\nf 1 2 3\n")
+        for far in 1, 1e25:  # where windows are searched, at fewer points
+            self.put("f.salt", 'import mesh;\nparam mesh m = "m.obj";\n' + disc.replace("[Disc] if (%s) return 1.0; return 0.0;", "Beam b = pixel_beam(float3(0.0, 0.0, 2.0), float3(-1.0, -1.0, 0.0), float3(2.0, 0.0, 0.0), float3(0.0, 2.0, 0.0)); float f = 0.0; for (Piece q = m.first(b); q.found; q = m.next(q)) f += q.area; [Disc] if (length(%g * x) < %g * r) f *= 0.5; return f;") % (0.4, 1, 1, far, far))
+            (self.assertIn if far > 1 else self.assertNotIn)("out_of_range", codes())
 
     def test_what_no_line_meets(self):
         """Of specks bounds tell where they are; the stated error grows by what may hide there, and by next to nothing where nothing does."""

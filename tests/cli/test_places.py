@@ -46,6 +46,13 @@ class Nonfinite(Case):
             self.assertGreater(at["x"][1], 15 / 16)
         self.assertRegex(self.run_cli("render", "n.salt", "--size", 16).err, r"n\.salt:6:\d+: results that are not finite.*column 0, row 0")
 
+    def test_pixels(self):
+        """A point of an image is looked at with its pixel, and the image's size."""
+        self.put("n.salt", "param float a = 1.0;\nshader float main(float2 x) {\n    return a / float(pixel().x - 3) / float(resolution().y - 1 - pixel().y);\n}")
+        for verb in "render", "grad":
+            at = self.warned(self.json_cli(verb, "n.salt", "--size", "8x4", "-o", "o.npy"))
+            self.assertEqual((at["pixel"], at["line"]), ([3, 0, 0], 3))
+
     def test_derivatives(self):
         """sqrt has no slope at 0; its value is finite. Of an image, of an integral by lines and by cells, of a loss."""
         self.put("n.salt", STEEP_ROOT)
