@@ -321,6 +321,35 @@ static void test_opposite_end(void **state) {
     if (!(error < 1e-8)) fail_msg("%g", error);
 }
 
+/* Of an edge in parts, of which the first is out of the window that the light looks through: the next one's line. */
+static void test_edge_from_outside(void **state) {
+    (void)state;
+    static Scene whole, s;
+    static int32_t between[SCENE_VERTICES][2];
+    static const double at[12][3] = {{-2.042, 1.175, -2.782}, {-1.72, 1.097, 3.265},   {-1.257, -1.232, -4.126},
+                                     {2.55, -0.12, -1.928},   {-1.853, -0.348, 1.102}, {2.808, -0.085, -3.116},
+                                     {-3.723, -1.873, 3.67},  {2.683, 0.438, 2.459},   {2.9, -0.628, -3.673},
+                                     {-3.614, 1.435, 4.284},  {-2.455, 1.712, 0.675},  {-1.46, -1.029, -0.283}};
+    static const double beam[SLT_BEAM_ROWS] = {-0.409, -0.603, 1.296,  -2.134, -0.124, -0.194,
+                                               2.937,  0.35,   -0.317, 0.468,  -2.434, 1.645};
+    whole = (Scene){0};
+    for (int k = 0; k < 12; k++) scene_vertex(&whole, at[k][0], at[k][1], at[k][2]);
+    for (int f = 0; f < 4; f++) scene_face(&whole, 3 * f, 3 * f + 1, 3 * f + 2);
+    memcpy(whole.beam, beam, sizeof beam);
+    scene_subdivide(&whole, &s, between);
+    for (uint32_t f = 0; f < s.nfaces; f++) { /* which corner is first decides which edges cut */
+        const int32_t *face = s.face[f], turned[3][3] = {{face[0], face[1], face[2]},
+                                                         {face[2], face[0], face[1]},
+                                                         {face[1], face[2], face[0]}};
+        if (f % 4 < 3) memcpy(s.face[f], turned[f % 4], sizeof turned[0]);
+    }
+    const double error = worst(&s, "    float sum = 0.0;\n"
+                                   "    for (Piece q = m.first(b); q.found; q = m.next(q))\n"
+                                   "        sum += m.lit(q, float3(0.3, 0.6, -0.7)) * (1.0 + 0.3 * float(q.tri / 4));\n"
+                                   "    return sum;\n");
+    if (!(error < 1e-6)) fail_msg("%g", error);
+}
+
 /* ---- what runs it */
 
 enum { SIZE = 24 };
@@ -425,9 +454,10 @@ static void test_forwards(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_differences), cmocka_unit_test(test_far_eye),    cmocka_unit_test(test_single),
-        cmocka_unit_test(test_subdivided),  cmocka_unit_test(test_same_bits),  cmocka_unit_test(test_widths),
-        cmocka_unit_test(test_forwards),    cmocka_unit_test(test_around_eye), cmocka_unit_test(test_opposite_end)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_differences),  cmocka_unit_test(test_far_eye),
+                                       cmocka_unit_test(test_single),       cmocka_unit_test(test_subdivided),
+                                       cmocka_unit_test(test_same_bits),    cmocka_unit_test(test_widths),
+                                       cmocka_unit_test(test_forwards),     cmocka_unit_test(test_around_eye),
+                                       cmocka_unit_test(test_opposite_end), cmocka_unit_test(test_edge_from_outside)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -73,31 +73,43 @@ static void add_between(Light *l, const Side *side, double from, double to, Segm
     add_j(l, at[0], at[1], sign, s->j);
 }
 
+/* Where along its line a segment that lies on the line of s has its ends, growing `way` goes; false: it does not. */
+static bool lies_on(const Segment *s, const Segment *other, double way, double *low, double *high) {
+    double end[2];
+    for (int i = 0; i < 2; i++) {
+        if (!(fabs(light_at(s->g, other->end[i][0], other->end[i][1])) <= LIGHT_CONTINUES)) return false;
+        end[i] = way * (s->g[0] * other->end[i][1] - s->g[1] * other->end[i][0]);
+    }
+    *low = light_min(end[0], end[1]), *high = light_max(end[0], end[1]);
+    return true;
+}
+
 /* Beyond its end an edge's line belongs to the edge that continues it, if there is one, and to that one's continuation:
- * where a face is subdivided, the cut by an edge runs on along the next, which then cuts nothing. By edges and never by
- * the sides of pieces, so that the two sides of a cut always agree. up: towards larger numbers along the line. */
+ * where a face is subdivided, the cut by an edge runs on along the next, which then cuts nothing. Where none begins, to
+ * the next that lies there: what leads to it may be out of the window. By edges and never by the sides of pieces, so
+ * that the two sides of a cut always agree. up: towards larger numbers along the line. */
 static void add_beyond(Light *l, const Side *side, uint32_t line, bool up, const uint32_t *list, uint32_t n,
                        double sign) {
     const Segment *s = &l->store->segment.data[line];
     const double way = up ? 1 : -1,
                  far = up ? light_max(side->along[0], side->along[1]) : -light_min(side->along[0], side->along[1]);
     double at = up ? s->to : -s->from;
-    for (uint32_t k = 0; k < n && at < far; k++) {
-        Segment *other = &l->store->segment.data[list[k]];
-        double end[2];
-        bool on = list[k] != line;
-        for (int i = 0; i < 2 && on; i++) {
-            on = fabs(light_at(s->g, other->end[i][0], other->end[i][1])) <= LIGHT_CONTINUES;
-            end[i] = way * (s->g[0] * other->end[i][1] - s->g[1] * other->end[i][0]);
+    while (at < far) {
+        Segment *next = NULL;
+        double first = far, end = far, low, high;
+        for (uint32_t k = 0; k < n; k++) {
+            Segment *other = &l->store->segment.data[list[k]];
+            if (list[k] == line || !lies_on(s, other, way, &low, &high) || !(high > at + LIGHT_ON_LINE)) continue;
+            if (!(low < first)) continue;
+            next = other, first = low, end = high;
+            if (low <= at + LIGHT_CONTINUES) break;
         }
-        if (!on) continue;
-        const double low = light_min(end[0], end[1]), high = light_max(end[0], end[1]);
-        if (!(low <= at + LIGHT_CONTINUES && high > at + LIGHT_ON_LINE)) continue;
-        const bool same = s->g[0] * other->g[0] + s->g[1] * other->g[1] > 0;
-        if (up) add_between(l, side, at, high, other, same ? sign : -sign);
-        else add_between(l, side, -high, -at, other, same ? sign : -sign);
-        at = high;
-        k = UINT32_MAX; /* from the first again */
+        if (!next) return;
+        if (first <= at + LIGHT_CONTINUES) first = at;
+        const bool same = s->g[0] * next->g[0] + s->g[1] * next->g[1] > 0;
+        if (up) add_between(l, side, first, end, next, same ? sign : -sign);
+        else add_between(l, side, -end, -first, next, same ? sign : -sign);
+        at = end;
     }
 }
 
