@@ -233,7 +233,8 @@ static int set_rates(Cli *c, const char *name, const char *v, Assign *list, uint
     for (uint32_t i = 0; i < count; i++) {
         Assign a;
         if (!split_assign(c, parts[i], &a)) a = (Assign){NULL, parts[i]};
-        if (!parse_number(a.value, 0, 1e30, &x)) return cli_usage(c, "%s: `%s` is not a number", name, a.value);
+        if (!parse_number(a.value, 0, 1e30, &x))
+            return cli_usage(c, "%s: `%s` is not a number from 0 to 1e30", name, a.value);
         if (*n == CLI_MAX_LIST) return too_many(c, name);
         list[(*n)++] = a;
     }

@@ -47,6 +47,8 @@ class Fit(Case):
         self.run_cli("fit", "b.salt", code=2)
         self.run_cli("fit", "b.salt", "--minimize", "--target", "t.exr", code=2)
         self.run_cli("fit", "b.salt", "--minimize", "--lr", "q=1", code=2)
+        for option in "--lr", "--smooth":
+            self.assertIn("`-3` is not a number from 0 to 1e30", self.run_cli("fit", "b.salt", "--minimize", option, "a=-3", code=2).err)
 
     def test_rate_that_changes_nothing(self):
         self.put("b.salt", BOWL)

@@ -84,13 +84,15 @@ class Meshes(Case):
         self.assertIn("PASS", r.out)
 
     def test_values(self):
-        """Positions are set by number, as lists, by a file with the same triangles; others are refused; the integers of a mesh are nobody's."""
+        """Positions are set by number, as lists, by another file, before the program is compiled, whatever its triangles; the integers of a mesh are nobody's."""
         self.mesh(DOWN + "return v.t;", domain="[Domain(float2(0.6, 0.1), float2(0.7, 0.2))]")
         run = lambda *a: self.json_cli("grad", "m.salt", "--integral", *a)["integral"][0] * 100
         self.assertAlmostEqual(run(), 2, places=5)
         self.assertAlmostEqual(run("--param", "m[0].z=-1", "--param", "m[1].z=-1", "--param", "m[2].z=-1"), 3, places=5)
         self.put("b.obj", SQUARE.replace(" 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 1 1 -0.0", " -2\nv 1 0 -2\nv 1 1 -2\nv 0 1 -2\nv 1 1 -2"))
         self.assertAlmostEqual(run("--param", "m=@b.obj"), 4, places=5)
+        self.put("one.obj", "v 0 0 -5\nv 3 0 -5\nv 0 3 -5\nf 1 2 3\n")
+        self.assertAlmostEqual(run("--param", "m=@one.obj"), 7, places=5)
         self.put("p.json", json.dumps({"m": [[0, 0, -3], [1, 0, -3], [1, 1, -3], [0, 1, -3], [0, 0, 1], [.5, 0, 1], [0, .5, 1], [9, 9, 9]]}))
         self.assertAlmostEqual(run("--params", "p.json"), 5, places=5)
 
