@@ -14,8 +14,7 @@
 
 enum {
     LANES = POINT_LANES,
-    SEEN_BY =
-        8, /* lanes that look at one point, where windows are searched: a search takes as long as the rest of it */
+    SEEN_BY = 8,    /* lanes that look at one point where windows are searched, which takes as long as all the rest */
     FUEL = 1 << 13, /* instructions, each on LANES points */
     SEARCHES = 16,  /* of a program: values of parameters change little from call to call */
     FEWEST = 32     /* points at which an instruction has run */
