@@ -246,44 +246,121 @@ static void vertex_of(const Box *b, int32_t v, double out[3]) {
                               : (double)((const float *)b->mesh->vertex)[3 * (size_t)v + a];
 }
 
-/* The plane that holds the way from p to q and the ray in the middle. */
-static void plane_along(const Box *b, const double p[3], const double q[3], double out[3]) {
-    double along[3], d[3];
-    for (int a = 0; a < 3; a++) along[a] = q[a] - p[a], d[a] = 0.5 * (b->d[a].lo + b->d[a].hi);
+/* May a ray of the box pass through p? */
+static bool may_pass(const Box *b, const double p[3]) {
+    double far = 0;
+    Range from[3], across[3];
+    for (int a = 0; a < 3; a++) far = greater(far, greater(fabs(p[a] - b->o[a].lo), fabs(p[a] - b->o[a].hi)));
+    const double wide = ROUNDED(b->mesh->f64) * far;
+    for (int a = 0; a < 3; a++) from[a] = minus(widened(p[a] - wide, p[a] + wide), b->o[a]);
+    cross(from, b->d, across);
+    return !sign_of(across[0]) && !sign_of(across[1]) && !sign_of(across[2]) && dot(from, b->d).hi >= 0;
+}
+
+/* Of two ways from a point: their cross product, and how long both are across a ray. */
+static double across_both(const Range u[3], const Range v[3], const Range ray[3]) {
+    double along[3], uu = 0, vv = 0, uv[2] = {0}, rr = 0;
+    for (int a = 0; a < 3; a++) {
+        along[a] = 0.5 * (ray[a].lo + ray[a].hi);
+        uu += u[a].lo * u[a].lo, vv += v[a].lo * v[a].lo, rr += along[a] * along[a];
+        uv[0] += u[a].lo * along[a], uv[1] += v[a].lo * along[a];
+    }
+    return sqrt(fmax(0, uu * rr - uv[0] * uv[0]) * fmax(0, vv * rr - uv[1] * uv[1]) / rr);
+}
+
+/* May a ray along one of these see two ways from where it passes as one line, and the second go on where the first
+ * ends? */
+typedef struct OneLine {
+    bool line, beyond;
+} OneLine;
+
+static OneLine see_along(const Box *b, const Range u[3], const Range v[3], const Range ray[3]) {
+    Range n[3];
+    cross(u, v, n);
+    const Range high = dot(n, ray);
+    const double most = ONE_LINE(b->mesh->f64) * across_both(u, v, ray);
+    const Range along = minus(times(dot(u, v), dot(ray, ray)), times(dot(u, ray), dot(v, ray)));
+    return (OneLine){!(high.lo > most || high.hi < -most), along.lo < 0}; /* NaN is neither */
+}
+
+/* The ways from p to q and from p to `to`, as rays through p see them: these come from the box's origins and go in its
+ * directions, and what either of the two excludes no ray sees. */
+static OneLine see_from(const Box *b, const double p[3], const double q[3], const double to[3]) {
+    Range u[3], v[3], from[3];
+    for (int a = 0; a < 3; a++) {
+        u[a] = (Range){q[a] - p[a], q[a] - p[a]}, v[a] = (Range){to[a] - p[a], to[a] - p[a]};
+        from[a] = minus((Range){p[a], p[a]}, b->o[a]);
+    }
+    const OneLine s = see_along(b, u, v, from), t = see_along(b, u, v, b->d);
+    return (OneLine){s.line && t.line, s.beyond && t.beyond};
+}
+
+/* Does an edge end where another goes on that rays may see on one line with it? Be it that they meet there, or that one
+ * lies behind the other: their lines are one, as far as rounding tells, and whose a place of it is, the lines do not
+ * say. At the end the box must be cut; where edges meet, until it has one of them alone, for beside their corner the
+ * two lines stay too near each other, however they are moved, for anyone to tell whose the jump is. */
+static bool continues(const Box *b, const int32_t edge[2], const int32_t other[2]) {
+    double p[2][3], q[2][3];
+    for (int k = 0; k < 2; k++) vertex_of(b, edge[k], p[k]), vertex_of(b, other[k], q[k]);
+    for (int i = 0; i < 2; i++) {
+        bool meet = false, line = true, beyond = false;
+        for (int j = 0; j < 2; j++) {
+            const bool same = memcmp(p[i], q[j], sizeof p[i]) == 0;
+            const OneLine s = same ? (OneLine){true, false} : see_from(b, p[i], p[1 - i], q[j]);
+            meet |= same, line &= s.line, beyond |= s.beyond;
+        }
+        if (line && beyond && (meet || may_pass(b, p[i]))) return true;
+    }
+    return false;
+}
+
+static void normal_of(const double p[3], const double q[3], const double r[3], double out[3]) {
     for (int a = 0; a < 3; a++) {
         const int j = (a + 1) % 3, k = (a + 2) % 3;
-        out[a] = along[j] * d[k] - along[k] * d[j];
+        out[a] = (q[j] - p[j]) * (r[k] - p[k]) - (q[k] - p[k]) * (r[j] - p[j]);
     }
 }
 
-/* Do two edges meet in a vertex, and each goes on where the other ends? Their lines are one, as far as rounding tells,
- * and whose a place of it is, the lines do not say: at the vertex the box must be cut. */
-static bool continues(const Box *b, const int32_t edge[2], const int32_t other[2]) {
-    double p[2][3], q[2][3], u[3], v[3];
-    for (int k = 0; k < 2; k++) vertex_of(b, edge[k], p[k]), vertex_of(b, other[k], q[k]);
-    for (int i = 0; i < 2; i++)
-        for (int j = 0; j < 2; j++) {
-            if (memcmp(p[i], q[j], sizeof p[i]) != 0) continue;
-            plane_along(b, p[i], p[1 - i], u), plane_along(b, q[j], q[1 - j], v);
-            double uu = 0, vv = 0, uv = 0;
-            for (int a = 0; a < 3; a++) uu += u[a] * u[a], vv += v[a] * v[a], uv += u[a] * v[a];
-            /* uu vv - uv^2 would cancel. */
-            double sine = 0;
-            for (int a = 0; a < 3; a++) {
-                const double w = u[(a + 1) % 3] * v[(a + 2) % 3] - u[(a + 2) % 3] * v[(a + 1) % 3];
-                sine += w * w;
-            }
-            const double least = ONE_LINE(b->mesh->f64);
-            if (uv < 0 && sine <= least * least * uu * vv) return true;
-        }
-    return false;
+/* Likewise of triangles in one plane that an end of the rays passes: of those with an edge in common a box must have
+ * one alone; with a corner in common, one of them or not the corner. Which lie on each other no box parts. */
+static bool lie_beside(const Box *b, int32_t face, int32_t other) {
+    const double least = ONE_LINE(b->mesh->f64);
+    double v[2][3][3], n[2][3], square[2] = {0}, sine = 0, along = 0;
+    int at[2][2], common = 0; /* corners in common */
+    for (int k = 0; k < 3; k++) {
+        vertex_of(b, b->mesh->face[3 * (size_t)face + (size_t)k], v[0][k]);
+        vertex_of(b, b->mesh->face[3 * (size_t)other + (size_t)k], v[1][k]);
+    }
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            if (memcmp(v[0][i], v[1][j], sizeof v[0][i]) == 0 && common++ < 2)
+                at[0][common - 1] = i, at[1][common - 1] = j;
+    if (common < 1 || common > 2) return false;
+    for (int f = 0; f < 2; f++) {
+        if (common == 1) at[f][1] = (at[f][0] + 1) % 3;
+        else if (at[f][0] == at[f][1]) return false; /* a triangle without an area */
+        normal_of(v[f][at[f][0]], v[f][at[f][1]], v[f][3 - at[f][0] - at[f][1]], n[f]);
+    }
+    for (int a = 0; a < 3; a++) {
+        const double w = n[0][(a + 1) % 3] * n[1][(a + 2) % 3] - n[0][(a + 2) % 3] * n[1][(a + 1) % 3];
+        sine += w * w, along += n[0][a] * n[1][a];
+        square[0] += n[0][a] * n[0][a], square[1] += n[1][a] * n[1][a];
+    }
+    if (!(sine <= least * least * square[0] * square[1])) return false;
+    return common == 1 ? may_pass(b, v[0][at[0][0]]) : along < 0;
 }
+
+static bool is_edge(const Lines *l, uint32_t i) { return l->line[i].b >= 0 && l->line[i].a != l->line[i].b; }
 
 static bool has_continued(const Box *b, const Lines *l) {
     for (uint32_t i = 0; i < l->n; i++)
         for (uint32_t k = 0; k < i; k++) {
-            const int32_t edge[2] = {l->line[i].a, l->line[i].b}, other[2] = {l->line[k].a, l->line[k].b};
-            if (edge[0] < edge[1] && other[0] < other[1] && continues(b, edge, other)) return true;
+            const int32_t one[2] = {l->line[i].a, l->line[i].b}, other[2] = {l->line[k].a, l->line[k].b};
+            if (is_edge(l, i) && is_edge(l, k)) {
+                if (continues(b, one, other) || continues(b, other, one)) return true;
+            } else if (!is_edge(l, i) && !is_edge(l, k) && (one[1] < 0) == (other[1] < 0)) {
+                if (lie_beside(b, one[0], other[0])) return true;
+            }
         }
     return false;
 }
