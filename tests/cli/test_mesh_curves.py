@@ -285,6 +285,27 @@ class MeshCurves(Case):
         self.put("m.salt", ALONG % ("0.0, %r" % far))
         self.near(self.grad(), above(at), [[slope(i, k) for k in range(3)] for i in range(len(at))], 1e-9)
 
+    def test_without_area(self):
+        """Triangles that no ray meets cost and change nothing, where they lie free and where they close a body."""
+        at, faces = [(-0.6, -0.5, 0.0), (0.7, -0.4, 0.1), (0.1, 0.8, -0.1), (0.25, 0.25, 0.5), (0.5, 0.5, 0.25), (0.375, 0.375, 0.375)], [(0, 1, 2)]
+        self.put("m.salt", SEEN % EYE)
+        for estimator, precision in ("quadrature", "f64"), ("quadrature", "f32"), ("lattice", "f32"):
+            run = []
+            for more in [], [(4, 4, 4)], [(3, 3, 4)], [(0, 0, 1), (1, 2, 2)], [(4, 4, 4)] * 30, [(3, 4, 5)]:
+                self.put("a.obj", obj(at, faces + more))  # all the same vertices
+                run.append(self.grad(estimator=estimator, precision=precision))
+                self.assertEqual((run[-1]["gradient"], run[-1]["stderr"]), (run[0]["gradient"], run[0]["stderr"]))
+                self.assertLessEqual(run[-1]["evaluations"], 1.01 * run[0]["evaluations"])
+        at = [(-0.6, 0.1, 0.0), (0.6, -0.1, 0.25), (0.1, 0.8, -0.1), (0.1, -0.7, -0.2), (0.0, 0.0, 0.125), (0.1, 0.8, -0.1)]
+        for before, closed in (([(0, 1, 2), (1, 0, 3)], [(0, 1, 2), (0, 3, 4), (4, 3, 1), (0, 4, 1)]),  # 4 lies on the edge between two faces
+                               ([(0, 1, 2), (0, 2, 3), (1, 3, 2)], [(0, 1, 2), (0, 2, 3), (1, 3, 5), (5, 2, 1), (3, 2, 5)])):  # a face has a corner of its own
+            run = []
+            for faces in before, closed:
+                self.put("a.obj", obj(at, faces))
+                run.append(self.grad())
+            self.assertAlmostEqual(run[0]["integral"][0], run[1]["integral"][0], delta=1e-13)
+            self.assertLess(run[1]["evaluations"], 2 * run[0]["evaluations"])
+
     def test_image(self):
         """The gradient of an image takes few evaluations a pixel, and is that of exact pieces."""
         n = 48

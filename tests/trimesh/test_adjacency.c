@@ -19,17 +19,25 @@ static bool same_edge(const int32_t *face, uint32_t g, uint32_t h) {
            (from(face, g) == to(face, h) && to(face, g) == from(face, h));
 }
 
+/* Two of its corners are one vertex: no face to others. */
+static bool is_none(const int32_t *face, uint32_t h) {
+    const int32_t *corner = face + (h - h % 3);
+    return corner[0] == corner[1] || corner[1] == corner[2] || corner[2] == corner[0];
+}
+
 static int32_t searched(const int32_t *face, uint32_t nfaces, uint32_t h) {
     int32_t found = ADJACENCY_BORDER;
-    if (from(face, h) == to(face, h)) return ADJACENCY_MANY;
+    if (is_none(face, h)) return ADJACENCY_MANY;
     for (uint32_t g = 0; g < 3 * nfaces; g++)
-        if (g != h && same_edge(face, g, h)) found = found == ADJACENCY_BORDER ? (int32_t)g : ADJACENCY_MANY;
+        if (g != h && !is_none(face, g) && same_edge(face, g, h))
+            found = found == ADJACENCY_BORDER ? (int32_t)g : ADJACENCY_MANY;
     return found;
 }
 
 static bool is_edge(const int32_t *face, uint32_t nfaces, int32_t a, int32_t b) {
     for (uint32_t h = 0; h < 3 * nfaces; h++)
-        if ((from(face, h) == a && to(face, h) == b) || (from(face, h) == b && to(face, h) == a)) return a != b;
+        if (!is_none(face, h) && ((from(face, h) == a && to(face, h) == b) || (from(face, h) == b && to(face, h) == a)))
+            return true;
     return false;
 }
 

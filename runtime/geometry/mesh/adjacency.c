@@ -15,10 +15,16 @@ static int by_upper(const void *x, const void *y) {
     return (a->half > b->half) - (a->half < b->half);
 }
 
+/* A face of which two corners are one vertex is none: no ray meets it, wherever its vertices go. */
+static bool is_face(const int32_t *corner) {
+    return corner[0] != corner[1] && corner[1] != corner[2] && corner[2] != corner[0];
+}
+
 /* Those of vertex v: row[start[v]], ..., row[start[v + 1] - 1], sorted. */
 static void sort_halves(const int32_t *face, uint32_t nfaces, uint32_t nvertices, uint32_t *start, Half *row) {
     for (int fill = 0; fill < 2; fill++) {
         for (uint32_t h = 0; h < 3 * nfaces; h++) {
+            if (!is_face(face + (h - h % 3))) continue;
             const int32_t a = face[h], b = face[h - h % 3 + (h + 1) % 3], lower = a < b ? a : b;
             if (fill) row[start[lower]++] = (Half){a < b ? b : a, (int32_t)h};
             else start[lower + 1]++;
@@ -37,13 +43,9 @@ static uint32_t same_edge(const Half *row, uint32_t from, uint32_t to) {
     return n;
 }
 
-static void pair(Adjacency *a, const Half *half, uint32_t n, bool point) {
+static void pair(Adjacency *a, const Half *half, uint32_t n) {
     for (uint32_t k = 0; k < n; k++) a->across[half[k].half] = n == 1 ? ADJACENCY_BORDER : ADJACENCY_MANY;
-    if (point || n != 2) {
-        if (point) a->across[half[0].half] = ADJACENCY_MANY;
-        return;
-    }
-    a->across[half[0].half] = half[1].half, a->across[half[1].half] = half[0].half;
+    if (n == 2) a->across[half[0].half] = half[1].half, a->across[half[1].half] = half[0].half;
 }
 
 static void list_ends(Adjacency *a, const uint32_t *start, const Half *row, bool fill) {
@@ -51,8 +53,7 @@ static void list_ends(Adjacency *a, const uint32_t *start, const Half *row, bool
         for (uint32_t i = start[v], n; i < start[v + 1]; i += n) {
             n = same_edge(row, i, start[v + 1]);
             const uint32_t ends[2] = {v, (uint32_t)row[i].upper};
-            if (!fill) pair(a, row + i, n, ends[0] == ends[1]);
-            if (ends[0] == ends[1]) continue;
+            if (!fill) pair(a, row + i, n);
             for (int k = 0; k < 2; k++)
                 if (fill) a->end[a->first[ends[k]]++] = (int32_t)ends[!k];
                 else a->first[ends[k] + 1]++;
@@ -69,6 +70,7 @@ bool adjacency_make(Adjacency *a, const int32_t *face, uint32_t nfaces, uint32_t
     bool ok = start && row && a->across && a->first;
     if (ok) {
         sort_halves(face, nfaces, nvertices, start, row);
+        for (uint32_t h = 0; h < halves; h++) a->across[h] = ADJACENCY_MANY;
         list_ends(a, start, row, false);
         for (uint32_t v = 0; v < nvertices; v++) a->first[v + 1] += a->first[v];
         a->end = malloc(((size_t)a->first[nvertices] + 1) * sizeof *a->end);

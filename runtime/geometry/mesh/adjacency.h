@@ -11,7 +11,8 @@
 
 enum {
     ADJACENCY_BORDER = -1, /* no other face has the edge */
-    ADJACENCY_MANY = -2    /* more than one other; or both its ends are one vertex */
+    ADJACENCY_MANY = -2    /* more than one other; or of a face of which two corners are one vertex, which is no
+                            face to any other */
 };
 
 typedef struct Adjacency {

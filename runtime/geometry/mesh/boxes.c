@@ -17,9 +17,10 @@
 #include "saltus/query.h"
 
 enum {
-    PATCH = 24, /* triangles around a ray, at most */
-    FACES = 96, /* beside which a box does not lie, at most, of which lines are looked for, */
-    FEW = 24    /* and of which some are told where not all can be */
+    PATCH = 24,   /* triangles around a ray, at most */
+    FACES = 96,   /* beside which a box does not lie, at most, of which lines are looked for, */
+    FEW = 24,     /* and of which some are told where not all can be */
+    MOST_FLAT = 3 /* triangles without area one behind the other */
 };
 /* Rays see a corner, less their origin and sheared, where it is but for 6 roundings of its largest coordinate; f64 edge
  * functions are rounded as well (rays.inc.h). */
@@ -94,18 +95,21 @@ static Range times_of(const Box *b, Range from[3][3]) {
     return t;
 }
 
+static void vertex_of(const Box *b, int32_t v, double out[3]) {
+    for (size_t a = 0; a < 3; a++)
+        out[a] = b->mesh->f64 ? ((const double *)b->mesh->vertex)[3 * (size_t)v + a]
+                              : (double)((const float *)b->mesh->vertex)[3 * (size_t)v + a];
+}
+
 enum { LOOK_EDGES = 1, LOOK_PLANE = 2, LOOK_AT_ALL = LOOK_EDGES | LOOK_PLANE, LOOK_UNLESS_BESIDE = 4 };
 
 static Seen look(const Box *b, int32_t face, int what) {
     Range at[3][3], from[3][3], along[3][3], normal[3], n[3];
     double v[3][3], far = 0;
     Seen s = {0};
+    for (int k = 0; k < 3; k++) vertex_of(b, b->mesh->face[3 * (size_t)face + (size_t)k], v[k]);
     for (int k = 0; k < 3; k++)
-        for (int a = 0; a < 3; a++) {
-            const size_t i = 3 * (size_t)b->mesh->face[3 * (size_t)face + (size_t)k] + (size_t)a;
-            v[k][a] = b->mesh->f64 ? ((const double *)b->mesh->vertex)[i] : (double)((const float *)b->mesh->vertex)[i];
-            far = greater(far, greater(fabs(v[k][a] - b->o[a].lo), fabs(v[k][a] - b->o[a].hi)));
-        }
+        for (int a = 0; a < 3; a++) far = greater(far, greater(fabs(v[k][a] - b->o[a].lo), fabs(v[k][a] - b->o[a].hi)));
     const double wide = ROUNDED(b->mesh->f64) * far;
     for (int k = 0; k < 3; k++)
         for (int a = 0; a < 3; a++)
@@ -221,12 +225,47 @@ static void add_line(Lines *l, int32_t a, int32_t b) {
     l->line[at].a = a, l->line[at].b = b, l->n++;
 }
 
-/* Do all rays that meet the face near this edge meet the neighbour beyond it? */
-static bool goes_on(const Box *b, int32_t face, int k, int side) {
+#define FLAT 1e-28 /* of a triangle without area the square of the sine between its sides */
+
+/* No ray meets it, and no bounds say so. */
+static bool has_no_area(const Box *b, int32_t face) {
+    double v[3][3], u[3], w[3], uu = 0, ww = 0, nn = 0;
+    for (int k = 0; k < 3; k++) vertex_of(b, b->mesh->face[3 * (size_t)face + (size_t)k], v[k]);
+    for (int a = 0; a < 3; a++) {
+        u[a] = v[1][a] - v[0][a], w[a] = v[2][a] - v[0][a];
+        uu += u[a] * u[a], ww += w[a] * w[a];
+    }
+    for (int a = 0; a < 3; a++) {
+        const double n = u[(a + 1) % 3] * w[(a + 2) % 3] - u[(a + 2) % 3] * w[(a + 1) % 3];
+        nn += n * n;
+    }
+    return nn <= FLAT * uu * ww; /* without a side, too */
+}
+
+/* The side that all rays see of what lies beyond an edge, as of this face; 0: not known, or nothing does. Beyond a
+ * triangle without area lies what its other edges lead to, where they agree. */
+static int side_beyond(const Box *b, int32_t face, int k, int flat) {
     const int32_t half = b->mesh->adjacency->across[3 * (size_t)face + (size_t)k];
-    if (half < 0 || !side) return false;
-    const Seen s = look(b, half / 3, LOOK_PLANE);
-    return s.side == (is_opposite(b->mesh, face, k, half) ? side : -side);
+    if (half < 0) return 0;
+    int side = look(b, half / 3, LOOK_PLANE).side;
+    if (!side && flat < MOST_FLAT && has_no_area(b, half / 3)) {
+        side = side_beyond(b, half / 3, (half + 1) % 3, flat + 1);
+        if (side && side != side_beyond(b, half / 3, (half + 2) % 3, flat + 1)) side = 0;
+    }
+    return is_opposite(b->mesh, face, k, half) ? side : -side;
+}
+
+/* Do all rays that meet the face near this edge meet the neighbour beyond it? */
+static bool goes_on(const Box *b, int32_t face, int k, int side) { return side && side_beyond(b, face, k, 0) == side; }
+
+/* Is a triangle without area part of a surface that goes on beyond all of its edges, or of none? Then nothing hangs on
+ * it; else it may open a gap, or close one, as soon as it moves. */
+static bool hangs_on_nothing(const Box *b, int32_t face) {
+    const int32_t *corner = b->mesh->face + 3 * (size_t)face, *across = b->mesh->adjacency->across + 3 * (size_t)face;
+    if (corner[0] == corner[1] || corner[1] == corner[2] || corner[2] == corner[0]) return true;
+    if (across[0] == ADJACENCY_BORDER && across[1] == ADJACENCY_BORDER && across[2] == ADJACENCY_BORDER) return true;
+    const int side = side_beyond(b, face, 0, 0);
+    return side && side == side_beyond(b, face, 1, 0) && side == side_beyond(b, face, 2, 0);
 }
 
 static void add_lines(const Box *b, int32_t face, const Seen *s, Lines *l) {
@@ -235,15 +274,11 @@ static void add_lines(const Box *b, int32_t face, const Seen *s, Lines *l) {
     for (int k = 0; k < 3; k++) {
         if (s->edge[k] || goes_on(b, face, k, s->side)) continue;
         const int32_t *corner = b->mesh->face + 3 * (size_t)face, p = corner[k], q = corner[(k + 1) % 3];
-        if (p == q) l->many = true; /* a point */
-        else add_line(l, p < q ? p : q, p < q ? q : p);
+        double end[2][3];
+        vertex_of(b, p, end[0]), vertex_of(b, q, end[1]);
+        if (memcmp(end[0], end[1], sizeof end[0]) == 0) continue; /* a point, which parts nothing */
+        add_line(l, p < q ? p : q, p < q ? q : p);
     }
-}
-
-static void vertex_of(const Box *b, int32_t v, double out[3]) {
-    for (size_t a = 0; a < 3; a++)
-        out[a] = b->mesh->f64 ? ((const double *)b->mesh->vertex)[3 * (size_t)v + a]
-                              : (double)((const float *)b->mesh->vertex)[3 * (size_t)v + a];
 }
 
 /* May a ray of the box pass through p? */
@@ -373,7 +408,7 @@ static bool look_at_leaf(const Box *b, int32_t leaf, Lines *l) {
             t->f64 ? ((const BvhLeaf64 *)t->leaf)[leaf].triangle[k] : ((const BvhLeaf32 *)t->leaf)[leaf].triangle[k];
         if (face < 0) continue;
         const Seen s = look(b, face, LOOK_AT_ALL | LOOK_UNLESS_BESIDE);
-        if (s.beside) continue;
+        if (s.beside || (!s.side && b->mesh->adjacency && has_no_area(b, face) && hangs_on_nothing(b, face))) continue;
         l->faces++;
         if (b->mesh->adjacency) add_lines(b, face, &s, l);
         l->lost = !b->mesh->adjacency || l->faces > (l->many ? FEW : FACES);
