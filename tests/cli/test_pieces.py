@@ -39,6 +39,31 @@ class Pieces(Case):
         self.assertAlmostEqual(sum(v[0] for v in m), 0, delta=1e-12)
         self.assertAlmostEqual(sum(v[2] for v in m[:4]), 0.5, delta=1e-12)
 
+    def test_edge_on(self):
+        """A tread that is seen as a line, at its height, between two risers: they fill the window before and behind it, wherever anything goes, so nothing moves the area."""
+        stairs = [(-9.0, -9.0, 0.0), (9.0, -9.0, 0.0), (9.0, 0.3, 0.0), (-9.0, 0.3, 0.0), (9.0, 0.3, -1.0), (-9.0, 0.3, -1.0), (9.0, 12.0, -1.0), (-9.0, 12.0, -1.0)]
+        faces = [(1, 2, 3), (1, 3, 4), (4, 3, 5), (4, 5, 6), (6, 5, 7), (6, 7, 8)]
+        for turn in 0.0, 0.4:
+            c, s = math.cos(turn), math.sin(turn)
+            lines = ["v %r %r %r" % (c * p[0] - s * p[1], s * p[0] + c * p[1], p[2]) for p in stairs] + ["f %d %d %d" % f for f in faces]
+            eye = "param float3 eye = float3(%r, %r, 2.0);\n" % (-s * 0.3, c * 0.3)
+            for size in "1x1", "48x48":
+                self.program("b = pixel_beam(b.eye, b.corner, b.u, b.v); for (Piece q = m.first(b); q.found; q = m.next(q)) sum += q.area;", "\n".join(lines))
+                with open(self.path("m.salt")) as f:
+                    text = f.read()
+                self.put("m.salt", "import mesh;\n" + text.replace(WINDOW.splitlines()[0] + "\n", eye))
+                n = int(size.split("x")[0])
+                self.put("ones.pfm", b"Pf\n%d %d\n-1.0\n" % (n, n) + struct.pack("<%df" % (n * n), *[1.0] * (n * n)))
+                j = self.json_cli("grad", "m.salt", "--spp", "1", "--precision", "f64", "--size", size, "--adjoint", "ones.pfm")
+                for g in [j["gradient"]["eye"]] + j["gradient"]["m"]:
+                    self.assertLess(max(map(abs, g)), 1e-9 * n * n)
+
+    def test_without_area(self):
+        """What a triangle without area closes is closed wherever its corners go, one of which lies on an edge between two faces."""
+        self.program("for (Piece q = m.first(b); q.found; q = m.next(q)) sum += q.area;",
+                     "v -0.6 0.1 0\nv 0.6 -0.1 0.25\nv 0.1 0.8 -0.1\nv 0.1 -0.7 -0.2\nv 0 0 0.125\nf 1 2 3\nf 1 4 5\nf 5 4 2\nf 1 5 2\n")
+        self.assertLess(max(map(abs, self.integral()["gradient"]["m"][4])), 1e-10)
+
     def test_handed_about(self):
         loop = self.sum_of("q.area * (1.0 + q.centre.x)", mesh=CROSSING)
         weigh = "float weigh(Piece q) { return q.area * (1.0 + q.centre.x); }\n"

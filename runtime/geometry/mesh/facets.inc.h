@@ -110,13 +110,16 @@ INLINE void corners_of(const Search *s, const double eye[3], uint32_t leaf, cons
     memcpy(p, at, sizeof at);
 }
 
+INLINE D8 square_of(const D8 v[3]) { return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]; }
+
 /* Of triangles seen from the eye. Their planes are of differences of corners: products of corners cancel by the square
- * of how far they are, measured in triangles. A line's normal is any of its points times its direction: the nearer end,
- * or the middle where both are as near, so that from the other face it is the same, negated. */
-INLINE void lines_near(const D8 p[3][3], D8 normal[3][3], D8 plane[3], D8 *det) {
+ * of how far they are, measured in triangles. most: the square of what det is at most. A line's
+ * normal is any of its points times its direction: the nearer end, or the middle where both are as near, so that from
+ * the other face it is the same, negated. */
+INLINE void lines_near(const D8 p[3][3], D8 normal[3][3], D8 plane[3], D8 *det, D8 *most) {
     D8 edge[3][3], square[3], nearest[3];
     for (int k = 0; k < 3; k++) {
-        square[k] = p[k][0] * p[k][0] + p[k][1] * p[k][1] + p[k][2] * p[k][2];
+        square[k] = square_of(p[k]);
         for (int a = 0; a < 3; a++) edge[k][a] = p[(k + 1) % 3][a] - p[k][a];
     }
     for (int k = 0; k < 3; k++) {
@@ -130,12 +133,14 @@ INLINE void lines_near(const D8 p[3][3], D8 normal[3][3], D8 plane[3], D8 *det) 
     const L8 second = under(square[1], square[0]), third = under(square[2], lower(square[0], square[1]));
     for (int a = 0; a < 3; a++) nearest[a] = which(third, p[2][a], which(second, p[1][a], p[0][a]));
     *det = nearest[0] * plane[0] + nearest[1] * plane[1] + nearest[2] * plane[2];
+    *most = lower(square[2], lower(square[0], square[1])) * square_of(edge[0]) * square_of(edge[1]);
 }
 
 /* The same of a far eye and corners from the origin. d = q + own * -eye: what the second part gives is `base`, exact to
  * the last bits however far the eye is. Depths differ little from each other: what all share, d . -eye / eye . eye, is
  * left out of them. depth: times det. */
-INLINE void lines_far(const D8 at[3][3], const double eye[3], D8 normal[3][3], D8 depth[3], D8 base[4], D8 *det) {
+INLINE void lines_far(const D8 at[3][3], const double eye[3], D8 normal[3][3], D8 depth[3], D8 base[4], D8 *det,
+                      D8 *most) {
     const double square = window_dot(eye, eye);
     D8 edge[3][3], across[3], plane[3], own, along;
     for (int k = 0; k < 3; k++) {
@@ -154,6 +159,7 @@ INLINE void lines_far(const D8 at[3][3], const double eye[3], D8 normal[3][3], D
     own = at[0][0] * plane[0] + at[0][1] * plane[1] + at[0][2] * plane[2];
     dot8(plane, eye, &along);
     *det = own - along;
+    *most = square * square_of(edge[0]) * square_of(edge[1]);
     base[3] = -own;
     for (int a = 0; a < 3; a++)
         across[a] = eye[(a + 1) % 3] * plane[(a + 2) % 3] - eye[(a + 2) % 3] * plane[(a + 1) % 3];
@@ -162,7 +168,8 @@ INLINE void lines_far(const D8 at[3][3], const double eye[3], D8 normal[3][3], D
             (across[(a + 1) % 3] * eye[(a + 2) % 3] - across[(a + 2) % 3] * eye[(a + 1) % 3] + eye[a] * own) / square;
 }
 
-#define ROUNDED 1e-9 /* more than any rounding of 1 / t at a corner */
+#define EDGE_ON 1e-10 /* of what det is at most: a triangle that may be seen as a line, or be one */
+#define ROUNDED 1e-9  /* more than any rounding of 1 / t at a corner */
 
 /* Triangles that lie in the rectangle, until there are eight. */
 typedef struct Waiting {
@@ -219,15 +226,16 @@ static void add_near(Search *s, const Window *w, Waiting *from) {
         from->n = 0; /* of which more may come */
         return;
     }
-    D8 at[3][3], normal[3][3], det, size;
+    D8 at[3][3], normal[3][3], det, most, size;
     for (int k = 0; k < 3; k++)
         for (int a = 0; a < 3; a++) {
             for (uint32_t i = from->n; i < 8; i++) from->at[k][a][i] = from->at[k][a][0];
             at[k][a] = *(const Wide *)from->at[k][a];
         }
-    if (w->far) lines_far((const D8(*)[3])at, w->eye, normal, c->normal[3], c->base, &det);
-    else lines_near((const D8(*)[3])at, normal, c->normal[3], &det);
+    if (w->far) lines_far((const D8(*)[3])at, w->eye, normal, c->normal[3], c->base, &det, &most);
+    else lines_near((const D8(*)[3])at, normal, c->normal[3], &det, &most);
     size_of(&det, &size);
+    store->edge_on |= upto(det * det, EDGE_ON * EDGE_ON * most) & ((1u << from->n) - 1);
     const L8 back = under(det, (D8){0});
     const uint32_t good = less(all_D8(0), size) & upto(size, all_D8(DBL_MAX)), turned = bits_D8(back);
     const D8 inverse = 1 / det;
@@ -307,7 +315,7 @@ static void list(Search *s, const Window *w, const Rectangle *r) {
         }
     }
     Store *store = s->store;
-    store->near.n = 0;
+    store->near.n = 0, store->edge_on = 0;
     list_leaves(s, plane, w->plane[2]);
     Waiting waiting;
     waiting.n = 0;

@@ -15,6 +15,8 @@
 #include "window.h"
 
 enum { MOST = 1 << 24 }; /* of a row */
+#define FLAT 1e-28      /* of a triangle without area the square of the sine between two of its sides */
+enum { MOST_EDGE_ON = 32 }; /* faces that are seen edge-on, one before the other */
 #define CONTINUES 1e-6 /* of a window's side: an edge whose end is nearer to a line lies on it */
 
 static _Thread_local Store *own;
@@ -417,14 +419,91 @@ static void tell_beyond(Search *s, Side *side, const int32_t edge[2], int32_t v,
     tell_side(s, side, edge[0], edge[1], side->g, from, to);
 }
 
+/* Of a face beyond the edge from a to b, seen from the eye: its other corner. */
+typedef struct Beyond {
+    double at[2][3], w[3]; /* a, b and the corner */
+    int32_t corner;
+    int place; /* of the corner along the edge's line: -1 not before the edge's end a, 1 not before b, 0 between */
+    enum { IS_SEEN, IS_BEFORE, IS_BEHIND, HAS_NO_AREA } how; /* of what is seen as a line: where, from the eye */
+} Beyond;
+
+static void look_beyond(const Search *s, int32_t half, int32_t a, int32_t b, const double g[3], Beyond *out) {
+    double n[3], along[3], to[3], at[3], inward[3], across[3];
+    out->corner = s->scene->tree.bvh->face[3 * (size_t)(half / 3) + (size_t)((half + 2) % 3)], out->how = IS_SEEN;
+    const double whole = fabs(window_dot(s->window.u, s->window.plane[0]));
+    window_vertex(s, out->corner, out->w);
+    for (int k = 0; k < 3; k++) at[k] = window_dot(out->w, s->window.plane[k]) / whole;
+    const double apart = fabs(g[0] * at[0] + g[1] * at[1] + g[2] * at[2]);
+    if (!(apart <= ON_LINE * fabs(at[2]) * (fabs(g[0]) + fabs(g[1])))) return; /* it may be a piece */
+    window_vertex(s, a, out->at[0]), window_vertex(s, b, out->at[1]);
+    across_both(out->at[0], out->at[1], n);
+    for (int i = 0; i < 3; i++) along[i] = out->at[1][i] - out->at[0][i], to[i] = out->w[i] - out->at[0][i];
+    window_cross(along, n, inward);
+    const double high = window_dot(inward, to), size = window_dot(inward, inward) * window_dot(to, to);
+    out->how = high * high <= FLAT * size                  ? HAS_NO_AREA
+               : high * window_dot(inward, out->at[0]) < 0 ? IS_BEFORE
+                                                           : IS_BEHIND;
+    across_both(out->at[0], out->w, across);
+    out->place = window_dot(n, across) > 0 ? 0 : -1;
+    across_both(out->w, out->at[1], across);
+    if (!out->place && !(window_dot(n, across) > 0)) out->place = 1;
+}
+
+/* Does the line belong to the face's other edges? Of a triangle without area that is so of its longest edge, or, where
+ * two corners are at one place, of the edge whose corner there has the higher number: of either of its sides the same.
+ */
+static bool gives_way(const Beyond *f, int32_t a, int32_t b) {
+    if (f->how != HAS_NO_AREA) return f->how == IS_BEFORE;
+    if (!memcmp(f->w, f->at[0], sizeof f->w)) return f->corner < a;
+    if (!memcmp(f->w, f->at[1], sizeof f->w)) return f->corner < b;
+    return !f->place;
+}
+
+/* A part of a side on the edge from a to b, beyond which `half` lies. Where that is a face that is seen edge-on, in
+ * front of the edge, the edge is hidden or about to be, with all that goes on behind it: the line is that of the edge
+ * at which such faces begin. So a step of stairs that is seen at its height neither opens a gap nor hides anything. */
+static void tell_own(Search *s, Side *side, int32_t half, int32_t a, int32_t b, const double g[3], double from,
+                     double to, int steps) {
+    double across[3], line[3], part[2][2] = {{from, to}, {from, to}};
+    Beyond f = {.how = IS_SEEN};
+    if (!(from < to)) return;
+    if (half >= 0 && steps < MOST_EDGE_ON) look_beyond(s, half, a, b, g, &f);
+    if (f.how == IS_SEEN || !gives_way(&f, a, b)) {
+        tell_side(s, side, a, b, g, from, to);
+        return;
+    }
+    if (f.place) {
+        const int none = f.place < 0 ? 0 : 1;
+        part[none][1] = part[none][0];
+    } else {
+        on_side_of(side, f.w, f.at[0], &part[0][0], &part[0][1]);
+        on_side_of(side, f.w, f.at[1], &part[1][0], &part[1][1]);
+    }
+    for (int i = 0; i < 2; i++) {
+        const int32_t face = half / 3, *corner = s->scene->tree.bvh->face + 3 * (size_t)face;
+        const int32_t end[2] = {i ? f.corner : a, i ? b : f.corner};
+        int32_t next = ADJACENCY_BORDER;
+        for (int32_t k = 0; k < 3; k++) {
+            const int32_t p = corner[k], q = corner[(k + 1) % 3];
+            if ((p == end[0] && q == end[1]) || (p == end[1] && q == end[0]))
+                next = s->scene->adjacency->across[3 * (size_t)face + (size_t)k];
+        }
+        across_both(i ? f.w : f.at[0], i ? f.at[1] : f.w, across);
+        line_of(s, across, line);
+        tell_own(s, side, next, end[0], end[1], line, part[i][0], part[i][1], steps + 1);
+    }
+}
+
 static void tell_edge(Search *s, Side *side, uint32_t number, uint32_t k, int32_t own) {
     const Facet *f = &s->store->facet.data[number];
     const int32_t *corner = s->scene->tree.bvh->face + 3 * (size_t)f->triangle;
     int32_t edge[2] = {corner[k], corner[(k + 1) % 3]};
+    const int32_t half =
+        s->store->edge_on ? s->scene->adjacency->across[3 * (size_t)f->triangle + k] : ADJACENCY_BORDER;
     if (f->turned) edge[0] = edge[1], edge[1] = corner[k];
     memcpy(side->g, f->g[k], sizeof side->g);
     if ((int32_t)number == own) { /* it ends where its triangle does */
-        tell_side(s, side, edge[0], edge[1], side->g, 0, 1);
+        tell_own(s, side, half, edge[0], edge[1], side->g, 0, 1, 0);
         return;
     }
     /* In the plane of both ends directions lie around a circle: of those that are beyond either end, as where an end
@@ -440,7 +519,7 @@ static void tell_edge(Search *s, Side *side, uint32_t number, uint32_t k, int32_
         if (own_part[0] > from) beyond[i][1] = own_part[0];
         else beyond[i][0] = own_part[1];
     }
-    tell_side(s, side, edge[0], edge[1], side->g, own_part[0], own_part[1]);
+    tell_own(s, side, half, edge[0], edge[1], side->g, own_part[0], own_part[1], 0);
     for (int i = 0; i < 2; i++)
         if (beyond[i][0] < beyond[i][1]) tell_beyond(s, side, edge, edge[i], p[!i], beyond[i][0], beyond[i][1]);
 }

@@ -158,7 +158,8 @@ typedef struct Listed {
 typedef struct Store {
     Unit *unit; /* the number of the last unit, then n units, of floats half as long */
     uint32_t n, room;
-    bool lost; /* something did not fit */
+    bool lost;        /* something did not fit */
+    uint32_t edge_on; /* of `near` or beside it some may be seen as lines; 0: none is */
     Held held;
     ROW(int32_t) list;
     ROW(Near) near;
