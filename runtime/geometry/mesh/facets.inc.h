@@ -113,9 +113,9 @@ INLINE void corners_of(const Search *s, const double eye[3], uint32_t leaf, cons
 INLINE D8 square_of(const D8 v[3]) { return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]; }
 
 /* Of triangles seen from the eye. Their planes are of differences of corners: products of corners cancel by the square
- * of how far they are, measured in triangles. most: the square of what det is at most. A line's
- * normal is any of its points times its direction: the nearer end, or the middle where both are as near, so that from
- * the other face it is the same, negated. */
+ * of how far they are, measured in triangles. A line's normal is any of its points times its direction: the nearer end,
+ * or the middle where both are as near, so that from the other face it is the same, negated. most: the square of what
+ * det is at most. */
 INLINE void lines_near(const D8 p[3][3], D8 normal[3][3], D8 plane[3], D8 *det, D8 *most) {
     D8 edge[3][3], square[3], nearest[3];
     for (int k = 0; k < 3; k++) {
