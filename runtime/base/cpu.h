@@ -14,7 +14,13 @@
 #if !defined(__x86_64__)
 #define CPU_HAS(NAME, name) false
 #elif defined(CPU_FEATURE_ACTIVE)
-#define CPU_HAS(NAME, name) CPU_FEATURE_ACTIVE(NAME)
+/* The header's own function shifts a 1 into the sign of an int. */
+static inline bool cpu_is_active(unsigned index) {
+    enum { BITS = 32, REGISTERS = 4 };
+    const struct cpuid_feature *leaf = __x86_get_cpuid_feature_leaf(index / (BITS * REGISTERS));
+    return leaf->active_array[index / BITS % REGISTERS] >> index % BITS & 1;
+}
+#define CPU_HAS(NAME, name) cpu_is_active(x86_cpu_##NAME)
 #else
 #define CPU_HAS(NAME, name) __builtin_cpu_supports(name)
 #endif

@@ -13,7 +13,12 @@
 #endif
 #endif
 #if defined(CPU_FEATURE_ACTIVE)
-#define HAS(NAME, name) CPU_FEATURE_ACTIVE(NAME)
+static bool is_active(unsigned index) {
+    enum { BITS = 32, REGISTERS = 4 };
+    const struct cpuid_feature *leaf = __x86_get_cpuid_feature_leaf(index / (BITS * REGISTERS));
+    return leaf->active_array[index / BITS % REGISTERS] >> index % BITS & 1;
+}
+#define HAS(NAME, name) is_active(x86_cpu_##NAME)
 #else
 #define HAS(NAME, name) __builtin_cpu_supports(name)
 #endif
