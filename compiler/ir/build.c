@@ -1,4 +1,5 @@
 /* Building and editing: new instructions, blocks, clones, numbering, replacement. */
+#include <math.h>
 #include <string.h>
 
 #include "compiler/ir/ir.h"
@@ -214,6 +215,14 @@ void ir_count_uses(const Block *b, uint32_t *uses) {
         for (uint32_t a = 0; a < i->nargs; a++) uses[i->args[a]->id]++;
         for (uint32_t r = 0; r < i->nregions; r++) ir_count_uses(i->region[r], uses);
     }
+}
+
+static bool is_plus_zero(const Inst *i) { return i->op == OP_constf && i->imm.f == 0 && !signbit(i->imm.f); }
+
+bool ir_is_guarded_twice(const Inst *i) {
+    if (i->op != OP_fsel || i->args[0]->op != OP_feq || i->args[2]->op != OP_zmul) return false;
+    const Inst *g = i->args[2]->args[1];
+    return i->args[0]->args[0] == g && is_plus_zero(i->args[0]->args[1]) && is_plus_zero(i->args[1]);
 }
 
 bool ir_has(const Block *b, Op op) {

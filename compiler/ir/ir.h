@@ -250,6 +250,8 @@ void ir_name_outputs(Fn *fn, SltRole role); /* gives all outputs this role, numb
 bool ir_is_const(const Inst *i);
 bool ir_has(const Block *b, Op op);                 /* in it or in a region below */
 void ir_count_uses(const Block *b, uint32_t *uses); /* likewise; adds to uses[id] */
+/* g == 0 ? 0 : zmul(x, g): a product that is 0 where either factor is, whatever the other. */
+bool ir_is_guarded_twice(const Inst *i);
 /* 32-bit mixing used for the region hash, the same in kernels (as IR) and in C. */
 uint32_t ir_mix(uint32_t h, uint32_t v);
 Inst *ir_mix_inst(Builder *b, Inst *h, Inst *v);

@@ -4,20 +4,12 @@
  * how anything is rounded, and no pass that contracts comes behind this one. */
 #include "compiler/pass/walk.h"
 
-static bool is_zero(const Inst *i) { return i->op == OP_constf && i->imm.f == 0; }
-
-/* g == 0 ? 0 : x * g, guarded on both sides. */
-static bool is_guarded_twice(const Inst *i) {
-    if (i->op != OP_fsel || i->args[0]->op != OP_feq || i->args[2]->op != OP_zmul || !is_zero(i->args[1])) return false;
-    return is_zero(i->args[0]->args[1]) && i->args[0]->args[0] == i->args[2]->args[1];
-}
-
 static bool strip(Fn *fn, Block *b) {
     bool changed = false;
     for (Inst *i = b->last, *before; i; i = before) { /* a product comes before the choice that is made of it */
         before = i->prev;
         for (uint32_t r = 0; r < i->nregions; r++) changed |= strip(fn, i->region[r]);
-        if (is_guarded_twice(i)) walk_forward(fn, i, i->args[2]);
+        if (ir_is_guarded_twice(i)) walk_forward(fn, i, i->args[2]);
         else if (i->op == OP_zmul) i->op = OP_fmul;
         else if (i->op == OP_zdiv) i->op = OP_fdiv;
         else continue;

@@ -196,14 +196,6 @@ static Part unless_zero(Emit *e, Part a, Part v) {
     return sel(e, fcmp(e, LLVMRealOEQ, a, kf(e, a, 0)), kf(e, a, 0), v);
 }
 
-/* Is it g == 0 ? 0 : zmul(x, g), the product of which either factor may be 0 and the other infinite? */
-static bool is_guarded_twice(const Inst *i) {
-    if (i->op != OP_fsel || i->args[0]->op != OP_feq || i->args[2]->op != OP_zmul) return false;
-    const Inst *zero = i->args[0]->args[1], *none = i->args[1];
-    return i->args[0]->args[0] == i->args[2]->args[1] && zero->op == OP_constf && zero->imm.f == 0 &&
-           none->op == OP_constf && none->imm.f == 0 && !signbit(none->imm.f);
-}
-
 static Part product_guarded_twice(Emit *e, Part x, Part g) {
     Part both = LL(BuildAnd)(e->b, is_nonzero(e, x), is_nonzero(e, g), "");
     return sel(e, both, LL(BuildFMul)(e->b, x, g, ""), kf(e, x, 0));
@@ -337,7 +329,7 @@ void emit_value_run(Emit *e, Inst *const *run, uint32_t n) {
             Part x[3] = {NULL, NULL, NULL};
             for (uint32_t j = 0; j < run[k]->nargs; j++)
                 x[j] = same[k][j] ? same[k][j] : emit_slot(e, j == 0 && first[k] ? first[k] : run[k]->args[j])[p];
-            if (has_masks(e) && is_guarded_twice(run[k])) {
+            if (has_masks(e) && ir_is_guarded_twice(run[k])) {
                 const Inst *product = run[k]->args[2];
                 emit_slot(e, run[k])[p] =
                     product_guarded_twice(e, part_of(e, product->args[0], p), part_of(e, product->args[1], p));
