@@ -3,7 +3,7 @@
 #include <string.h>
 #include <sys/mman.h>
 
-#include "runtime/sample/batch.h"
+#include "runtime/sample/cull.h"
 #include "saltus/chunks.h"
 
 #define TAPE_ROOM ((uint64_t)1 << 30) /* bytes, of a tape that grows */
@@ -126,20 +126,27 @@ void batch_read_line(const Batch *b, uint32_t e, uint32_t i, Event *event) {
         event->window[end] = batch_get(b, SLT_OUT_OPEN_LINE, 2 * e + end, i);
 }
 
-/* Samples n .. end - 1 of every input that the kernel reads. */
-static void pad(Batch *b, uint32_t n, uint32_t end) {
-    enum { INT, FLT, COPY, ZERO };
-    static const struct {
-        uint8_t type, tail;
-    } row[SLT_IN_VARYING] = {
+enum { INT, FLT, COPY, ZERO };
+static const struct {
+    uint8_t type, tail;
+} input_row[SLT_IN_VARYING] = {
 #define SLT_INPUT(id, text, type, tail, ...) {type, tail},
 #include "saltus/kernel.def"
-    };
+};
+static const uint8_t role_type[SLT_ROLES] = {
+#define SLT_ROLE(id, text, type, ...) type,
+#include "saltus/kernel.def"
+};
+
+static int64_t element_bytes(const Batch *b, uint8_t type) { return type == FLT && b->f64 ? 8 : 4; }
+
+/* Samples n .. end - 1 of every input that the kernel reads. */
+static void pad(Batch *b, uint32_t n, uint32_t end) {
     for (uint64_t left = b->layout->reads & ((1ull << SLT_IN_VARYING) - 1); left; left &= left - 1) {
         uint32_t slot = (uint32_t)__builtin_ctzll(left);
-        bool zero = row[slot].tail == ZERO;
+        bool zero = input_row[slot].tail == ZERO;
         void *v = (void *)b->args.in[slot];
-        if (row[slot].type == FLT && b->f64) {
+        if (input_row[slot].type == FLT && b->f64) {
             uint64_t *to = v, last = zero ? 0 : to[n - 1];
             for (uint32_t i = n; i < end; i++) to[i] = last;
         } else {
@@ -149,25 +156,63 @@ static void pad(Batch *b, uint32_t n, uint32_t end) {
     }
 }
 
+/* In builds with asserts: inputs that the kernel does not read are NaN to it, and so are outputs until it has written
+ * them. `in` has room for the inputs that come back. */
+static void poison(Batch *b, const void *in[SLT_IN_VARYING]) {
 #ifndef NDEBUG
-static void run(Batch *b, SltKernelKind kind, SltKernel *kernel, uint32_t n) {
-    const void *in[SLT_IN_VARYING];
-    memcpy(in, b->args.in, sizeof in);
+    memcpy(in, b->args.in, sizeof b->args.in);
     for (uint32_t slot = 0; slot < SLT_IN_VARYING; slot++)
         if (!(b->layout->reads >> slot & 1)) b->args.in[slot] = b->poison;
     for (uint32_t r = 0; r < SLT_ROLES; r++)
         for (uint32_t k = 0; k < b->layout->out[r].count; k++)
             memset(b->args.out[b->layout->out[r].first + k], POISON, slot_bytes(b));
-    if (b->s->call) b->s->call(b->s->call_user, (int)kind, &b->args, n);
-    else kernel(&b->args, n);
-    memcpy(b->args.in, in, sizeof in);
-}
 #else
+    (void)b, (void)in;
+#endif
+}
+
+static void cure(Batch *b, const void *in[SLT_IN_VARYING]) {
+#ifndef NDEBUG
+    memcpy(b->args.in, in, sizeof b->args.in);
+#else
+    (void)b, (void)in;
+#endif
+}
+
 static void run(Batch *b, SltKernelKind kind, SltKernel *kernel, uint32_t n) {
     if (b->s->call) b->s->call(b->s->call_user, (int)kind, &b->args, n);
     else kernel(&b->args, n);
 }
-#endif
+
+/* Where the next samples of all that the kernel reads and writes are: n further on. */
+static void advance(Batch *b, int64_t n) {
+    for (uint64_t left = b->layout->reads & ((1ull << SLT_IN_VARYING) - 1); left; left &= left - 1) {
+        const uint32_t slot = (uint32_t)__builtin_ctzll(left);
+        b->args.in[slot] = (const char *)b->args.in[slot] + n * element_bytes(b, input_row[slot].type);
+    }
+    for (uint32_t r = 0; r < SLT_ROLES; r++)
+        for (uint32_t k = 0; k < b->layout->out[r].count; k++) {
+            void **out = &b->args.out[b->layout->out[r].first + k];
+            *out = (char *)*out + n * element_bytes(b, role_type[r]);
+        }
+}
+
+/* The same a few samples at a time, each with the iterations of [Cull] loops that may reach them: neighbours in a batch
+ * mostly lie on one line, and a tile may be all of the domain. */
+static void run_by_parts(Batch *b, SltKernelKind kind, SltKernel *kernel, uint32_t n, uint32_t lanes) {
+    enum { FEW = 16 }; /* samples that are worth a list */
+    const uint32_t valid = b->args.n_valid, part = lanes > FEW ? lanes : FEW;
+    const SltCullList *whole = b->args.cull;
+    uint32_t from = 0;
+    for (; from < n; from += part, advance(b, part)) {
+        const uint32_t left = n - from < part ? n - from : part;
+        b->args.n_valid = valid - from < left ? valid - from : left;
+        cull_part(b, left, kind == SLT_K_BOUNDS);
+        run(b, kind, kernel, left);
+    }
+    advance(b, -(int64_t)from);
+    b->args.cull = whole, b->args.n_valid = valid;
+}
 
 void batch_stop(Batch *b, SltKernelKind kind) {
     b->layout = &b->s->layout[kind];
@@ -177,6 +222,11 @@ void batch_stop(Batch *b, SltKernelKind kind) {
 }
 
 void slt_kernel_late(SltKernelArgs *args, uint32_t n) { (void)args, (void)n; }
+
+/* Whether lines are searched by it, whose samples lie side by side. */
+static bool searches(SltKernelKind kind) {
+    return kind == SLT_K_REGION || kind == SLT_K_EVENT || kind == SLT_K_SIDES || kind == SLT_K_BOUNDS;
+}
 
 static void call(Batch *b, SltKernelKind kind, SltKernel *kernel, uint32_t n) {
     assert(kernel && n <= BATCH);
@@ -189,8 +239,12 @@ static void call(Batch *b, SltKernelKind kind, SltKernel *kernel, uint32_t n) {
     const uint32_t end = (n + step - 1) / step * step;
     b->layout = &b->s->layout[kind];
     b->args.n_valid = n;
+    const void *in[SLT_IN_VARYING];
     if (end != n) pad(b, n, end);
-    run(b, kind, kernel, n);
+    poison(b, in);
+    if (searches(kind) && cull_may_part(b)) run_by_parts(b, kind, kernel, n, step);
+    else run(b, kind, kernel, n);
+    cure(b, in);
 }
 
 void batch_call(Batch *b, SltKernelKind kind, uint32_t n) {

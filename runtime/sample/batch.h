@@ -19,6 +19,7 @@ typedef struct Batch {
     bool streams;     /* some kernel reads random numbers, and batch_set_stream sets where they come from */
     const Grid *grid;
     const Fill *fill;
+    struct CullLists *lists; /* those of args.cull, where they may be shortened for a few samples (cull.h) */
     uint64_t reads;          /* bit k: some kernel reads input k */
     void *memory;            /* of all inputs and outputs */
     SltPruned all;           /* straight-line programs: every chunk runs. args.pruned, where nobody knows better */

@@ -111,6 +111,9 @@ static void give_up(Finder *f, const Segment *s) {
 void prove_run(Finder *f, bool all) {
     Batch *b = f->b;
     Segment part[FIND];
+    uint64_t key[FIND];
+    double end[FIND][2];
+    uint32_t place[FIND];
     while (f->nalike && !f->failed && (all || f->nalike >= FIND)) {
         uint32_t n = f->nalike < FIND ? f->nalike : FIND, kept = 0, open = 0;
         f->nalike -= n;
@@ -128,13 +131,23 @@ void prove_run(Finder *f, bool all) {
             }
             part[kept] = *s;
             box_of(s, &ta, &tb);
-            prove_set_box(b, kept++, s, ta, tb);
+            end[kept][0] = ta, end[kept][1] = tb;
+            double mid[3];
+            segment_at(s, 0.5 * (ta + tb), mid);
+            key[kept] = (uint64_t)window_place(f->s, mid) << 32 | kept;
+            kept++;
+        }
+        sort_keys(key, kept);
+        for (uint32_t i = 0; i < kept; i++) {
+            const uint32_t k = (uint32_t)key[i];
+            place[k] = i;
+            prove_set_box(b, i, &part[k], end[k][0], end[k][1]);
         }
         if (kept) batch_call(b, SLT_K_BOUNDS, kept);
         for (uint32_t i = 0; i < kept; i++) {
             Segment *s = &part[i];
             double mid = 0.5 * (s->ta + s->tb);
-            bool settled = prove_is_settled(b, i);
+            bool settled = prove_is_settled(b, place[i]);
             if (settled && s->touches == TOUCH_A) prove_add(f, s, s->ta, mid, s->ma, s->mb);
             else if (settled && s->touches == TOUCH_B) prove_add(f, s, mid, s->tb, s->ma, s->mb);
             else if (settled) continue;

@@ -117,6 +117,15 @@ static uint32_t spread_bits(uint32_t v) {
     return (v | v << 1) & 0x55555555u;
 }
 
+uint32_t window_place(const SltScene *s, const double x[3]) {
+    uint32_t at[2] = {0, 0};
+    for (uint32_t d = 0; d < 2 && d < s->dim; d++) {
+        double u = (x[d] - s->lo[d]) / (s->hi[d] - s->lo[d]);
+        at[d] = (uint32_t)(65535 * search_clamp(u, 0, 1));
+    }
+    return spread_bits(at[0]) | spread_bits(at[1]) << 1;
+}
+
 /* Room to sort the stack in. */
 static bool sorted_room(Finder *f) {
     if (f->sorted_cap == f->cap) return true; /* stack and sorted change places, so both have the same capacity */
@@ -128,14 +137,7 @@ static bool sorted_room(Finder *f) {
 
 void window_order(Finder *f) {
     if (!sorted_room(f)) return; /* without memory the stack keeps its order */
-    for (uint32_t i = 0; i < f->n; i++) {
-        uint32_t at[2] = {0, 0};
-        for (uint32_t d = 0; d < 2 && d < f->s->dim; d++) {
-            double x = (f->stack[i].a[d] - f->s->lo[d]) / (f->s->hi[d] - f->s->lo[d]);
-            at[d] = (uint32_t)(65535 * search_clamp(x, 0, 1));
-        }
-        f->keys[i] = (uint64_t)(spread_bits(at[0]) | spread_bits(at[1]) << 1) << 32 | i;
-    }
+    for (uint32_t i = 0; i < f->n; i++) f->keys[i] = (uint64_t)window_place(f->s, f->stack[i].a) << 32 | i;
     sort_keys(f->keys, f->n);
     for (uint32_t i = 0; i < f->n; i++) f->sorted[i] = f->stack[(uint32_t)f->keys[i]];
     Segment *old = f->stack;

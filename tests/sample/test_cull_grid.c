@@ -1,5 +1,6 @@
 /* Boxes of [Cull] iterations by cells find the same as looking at every box does: small and wide ones, boxes beside the
- * domain, on borders of cells, of no size, turned round, without an end, of NaN. */
+ * domain, on borders of cells, of no size, turned round, without an end, of NaN. Those by strips find all of these, and
+ * none that is farther away than a strip is wide. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -9,7 +10,7 @@
 
 #include <cmocka.h>
 
-#include "runtime/sample/cull_grid.h"
+#include "runtime/sample/cull_strips.h"
 
 enum { BOXES = 3000, RECTANGLES = 400 };
 
@@ -39,12 +40,36 @@ static bool touches(const CullBox *b, const double lo[2], const double hi[2]) {
     return !(b->lo[0] > hi[0] || b->hi[0] < lo[0] || b->lo[1] > hi[1] || b->hi[1] < lo[1]);
 }
 
+static void check_strips(const CullStrips *t, const SltScene *s, const CullBox *box, uint32_t n, const double lo[2],
+                         const double hi[2]) {
+    static int32_t items[BOXES + 1];
+    double wide_lo[2], wide_hi[2];
+    int32_t found = cull_strips_find(t, lo, hi, items), k = 0;
+    assert_in_range(found, 0, n);
+    for (int d = 0; d < 2; d++) {
+        const double side = s->hi[d] > s->lo[d] ? s->hi[d] - s->lo[d] : 1, end = s->lo[d] + side,
+                     strip = 1.001 * side / CULL_STRIPS;
+        /* What lies beside the domain is in the strip of its border. */
+        wide_lo[d] = lo[d] - strip <= s->lo[d] ? -HUGE_VAL : fmin(lo[d], end) - strip;
+        wide_hi[d] = hi[d] + strip >= end ? HUGE_VAL : fmax(hi[d], s->lo[d]) + strip;
+    }
+    for (uint32_t i = 0; i < n; i++) {
+        const bool is = k < found && items[k] == (int32_t)i;
+        k += is;
+        if (touches(&box[i], lo, hi)) assert_true(is);
+        if (is) assert_true(touches(&box[i], wide_lo, wide_hi));
+    }
+    assert_int_equal(k, found); /* in order, each once */
+}
+
 static void check(const SltScene *s, uint32_t n) {
     CullBox *box = malloc((n + 1) * sizeof *box);
     CullGrid g;
+    CullStrips t;
     uint64_t found[BOXES / 64 + 1], some[BOXES / 4096 + 1];
     for (uint32_t i = 0; i < n; i++) box[i] = random_box(i);
-    assert_true(cull_grid_make(&g, s, box, n));
+    assert_true(cull_grid_make(&g, s, box, n) && cull_strips_make(&t, &g));
+    assert_int_equal(t.words, (n + 63) / 64);
     for (uint32_t r = 0; r < RECTANGLES; r++) {
         double lo[2], hi[2], size = r % 3 == 0 ? 0.03 : r % 3 == 1 ? 0.4 : 0;
         for (int d = 0; d < 2; d++) {
@@ -55,9 +80,23 @@ static void check(const SltScene *s, uint32_t n) {
         memset(found, 0, sizeof found), memset(some, 0, sizeof some);
         cull_grid_find(&g, lo, hi, found, some);
         for (uint32_t i = 0; i < n; i++) assert_int_equal(found[i / 64] >> i % 64 & 1, touches(&box[i], lo, hi));
+        if (n) check_strips(&t, s, box, n, lo, hi);
         for (uint32_t w = 0; w <= n / 64; w++) assert_int_equal(some[w / 64] >> w % 64 & 1, found[w] != 0);
     }
-    cull_grid_free(&g);
+    cull_strips_free(&t), cull_grid_free(&g);
+    free(box);
+}
+
+static void too_many_for_strips(void **state) {
+    (void)state;
+    enum { N = CULL_STRIPS_MOST + 1 };
+    const SltScene unit = {.dim = 2, .lo = {-1, -1}, .hi = {1, 1}};
+    CullBox *box = calloc(N, sizeof *box);
+    CullGrid g;
+    CullStrips t;
+    assert_true(cull_grid_make(&g, &unit, box, N) && cull_strips_make(&t, &g));
+    assert_int_equal(t.words, 0);
+    cull_strips_free(&t), cull_grid_free(&g);
     free(box);
 }
 
@@ -72,6 +111,6 @@ static void finds_what_touches(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(finds_what_touches)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(finds_what_touches), cmocka_unit_test(too_many_for_strips)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
