@@ -139,12 +139,17 @@ static SltStatus begin_gradient(ApiCall *c, SltProgram *p, const SltJob *job, Gr
     return api_call_kernels_late(c, needs, late);
 }
 
-/* Where single precision tells too few places apart, or cannot hold their squares, the caller is told. */
-static void note_ulps(ApiCall *c, bool integral) {
-    if (!c->stats) return;
+/* Where single precision tells too few places apart, the caller is told. */
+static void note_places(ApiCall *c, bool integral) {
     c->job.integral |= integral;
     double ulps = slt_estimate_ulps(&c->p->scene, &c->job);
     c->stats->ulps = ulps < SLT_FEW_ULPS ? ulps : 0;
+}
+
+/* And where it cannot hold their squares. */
+static void note_ulps(ApiCall *c, bool integral) {
+    if (!c->stats) return;
+    note_places(c, integral);
     api_find_scale(c->p, &c->job, c->stats);
 }
 
@@ -302,6 +307,37 @@ static SltHidden *begin_hidden(const ApiCall *c, SideWork *work) {
     return NULL;
 }
 
+/* note_ulps of an integral, whose second part runs on the call's other thread. */
+typedef struct Noted {
+    ApiCall *c;
+    SltJob job;
+    SltStats own; /* what it finds, until notes_end */
+    SideWork work;
+} Noted;
+
+static void find_scale(void *arg) {
+    Noted *n = arg;
+    api_find_scale(n->c->p, &n->job, &n->own);
+}
+
+/* beside: that thread lives. Nothing else uses the session until notes_end but kernels that are compiled late, which
+ * wait; what geometries say of their queries is for one thread at a time. */
+static void notes_begin(Noted *n, ApiCall *c, bool beside) {
+    *n = (Noted){.c = c};
+    n->work = (SideWork){.run = find_scale, .arg = n};
+    if (!c->stats) return;
+    note_places(c, true);
+    n->job = c->job;
+    if (beside && !c->p->prog->ngeometries && side_add(&c->side, &n->work)) return;
+    api_find_scale(c->p, &c->job, c->stats);
+}
+
+static void notes_end(Noted *n) {
+    const bool beside = n->work.state != SIDE_NONE;
+    side_finish(&n->c->side, &n->work);
+    if (beside) n->c->stats->out_of_range = n->own.out_of_range, n->c->stats->out_of_range_at = n->own.out_of_range_at;
+}
+
 /* The arrays of an integral by parameter, as the runtime fills them. */
 enum { INTEGRAL_ROWS = 6 };
 typedef struct IntegralRows {
@@ -343,16 +379,17 @@ SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, 
     uint8_t *met = s == SLT_OK ? calloc(p->scene.nsites + 1, 1) : NULL;
     double followed = 0;
     SideWork work = {0};
+    Noted noted;
     if (s == SLT_OK) p->scene.met = met, p->scene.followed = &followed; /* without memory nobody asks */
     SltHidden *hidden = met && wanted.gradient_stderr ? begin_hidden(&c, &work) : NULL;
-    if (s == SLT_OK) note_ulps(&c, true);
+    if (s == SLT_OK) notes_begin(&noted, &c, hidden != NULL);
     uint64_t before = counted(&c);
     bool derives = wanted.gradient || wanted.gradient_stderr;
     if (s == SLT_OK) {
         IntegralRows rows;
         s = rows_begin(p, &rows, &wanted, err);
         if (s == SLT_OK) s = slt_estimate_integral(&p->scene, &c.job, &wanted, c.stats, err);
-        side_finish(&c.side, &work);
+        side_finish(&c.side, &work), notes_end(&noted);
         if (s == SLT_OK) s = add_hidden(&c, hidden, &wanted);
         p->scene.met = NULL, p->scene.followed = NULL;
         if (s == SLT_OK && derives) s = api_steep(&c, &wanted, spent(&c, before));

@@ -3,6 +3,7 @@
  * point that is looked for among the samples of the call. Programs are interpreted for that, and only where counters
  * say that there is something to be found. */
 #include <math.h>
+#include <stddef.h>
 #include <string.h>
 
 #include "bindings/c/api.h"
@@ -41,7 +42,7 @@ static double get(bool f64, const void *array, uint32_t lane) {
 }
 
 void api_inputs_begin(PointInputs *in, const SltProgram *p, const SltJob *job) {
-    memset(in, 0, sizeof *in);
+    memset(in, 0, offsetof(PointInputs, out));
     in->f64 = p->opt.f64;
     in->args = (SltKernelArgs){
         .params = p->flt, .iparams = p->scene.iparams, .geometries = p->scene.geometries, .resolution = {1, 1}};

@@ -10,9 +10,9 @@ typedef struct PointInputs {
     SltKernelArgs args;
     bool f64;
     double flt[4][POINT_LANES], ones[POINT_LANES], zero[POINT_LANES]; /* float or double, by f64 */
-    double out[SLT_OUT_MAX][POINT_LANES];
     int32_t stream[POINT_LANES], pixel[2][POINT_LANES];
-    double lo[2], side[2]; /* of pixels */
+    double lo[2], side[2];                /* of pixels */
+    double out[SLT_OUT_MAX][POINT_LANES]; /* not cleared: mostly nobody asks, and these are pages */
 } PointInputs;
 void api_inputs_begin(PointInputs *in, const SltProgram *p, const SltJob *job); /* job: NULL, or its pixels */
 void api_inputs_point(PointInputs *in, uint32_t lane, const double x[3], int32_t stream, double rand0);

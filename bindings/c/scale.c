@@ -65,6 +65,14 @@ static bool is_usual(const float *r) {
     return !unusual;
 }
 
+static uint64_t bits_of(const uint8_t on[LANES]) {
+    uint64_t bits = 0;
+    for (uint32_t k = 0; k < LANES; k++) bits |= (uint64_t)(on[k] != 0) << k;
+    return bits;
+}
+
+static uint32_t count(uint64_t bits) { return (uint32_t)__builtin_popcountll(bits); }
+
 static void see(void *user, const Inst *i, const void *const *slot, const uint8_t *on) {
     Scale *s = user;
     const bool asks = i->op == OP_fsqrt || i->op == OP_frsqrt || i->op == OP_site, number = i->type == TY_FLT;
@@ -77,15 +85,15 @@ static void see(void *user, const Inst *i, const void *const *slot, const uint8_
     for (uint32_t a = 0; a < i->nargs; a++)
         if (i->args[a]->type == TY_FLT)
             from.low |= s->lost[i->args[a]->id].low, from.high |= s->lost[i->args[a]->id].high;
-    for (uint32_t k = 0; k < LANES; k++) {
+    if (asks) {
+        const uint64_t ran = bits_of(on);
+        Asked *asked = &s->asked[i->id];
+        asked->all += count(ran), asked->low += count(from.low & ran);
+        /* Of a length that is infinite its site will say so. */
+        asked->high += i->op == OP_site ? count(from.high & ran) : 0;
+    }
+    for (uint32_t k = 0; k < LANES && number && !is_usual(slot[i->id]); k++) {
         if (!on[k]) continue;
-        if (asks) {
-            Asked *asked = &s->asked[i->id];
-            asked->all++;
-            /* Of a length that is infinite its site will say so. */
-            asked->low += from.low >> k & 1, asked->high += i->op == OP_site && (from.high >> k & 1);
-        }
-        if (!number) continue;
         float r = of(slot, i, k);
         if (fabsf(r) >= FLT_MIN && isfinite(r)) continue; /* as most are: nothing is lost */
         if (is_low(r)) to.low |= from.low & 1ull << k;

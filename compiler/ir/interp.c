@@ -126,11 +126,35 @@ static bool exec_input(Interp *in, const Inst *i, void *dst) {
     return true;
 }
 
+/* Do all lanes have the same? Mostly so: indices are constants or counters of loops. */
+static bool is_same(const Interp *in, const int32_t *v) {
+    uint32_t differs = 0;
+    for (uint32_t l = 0; l < in->lanes; l++) differs |= (uint32_t)(v[l] ^ v[0]);
+    return !differs;
+}
+
+static void fill_all(const Interp *in, void *dst, const void *element, uint32_t bytes) {
+    if (bytes == 4) {
+        uint32_t v;
+        memcpy(&v, element, sizeof v);
+        for (uint32_t l = 0; l < in->lanes; l++) ((uint32_t *)dst)[l] = v;
+    } else {
+        uint64_t v;
+        memcpy(&v, element, sizeof v);
+        for (uint32_t l = 0; l < in->lanes; l++) ((uint64_t *)dst)[l] = v;
+    }
+}
+
 static bool exec_param(Interp *in, const Inst *i, void *dst, const int32_t *index, const Mask *m) {
     const void *from = i->op == OP_param    ? in->args->params
                        : i->op == OP_dparam ? in->args->dparams
                                             : in->args->iparams;
     if (!from) return fail(in, SLT_USAGE);
+    if (is_same(in, index)) {
+        const uint32_t bytes = type_bytes(in, i->type), k = i->imm.slot.base + clamp_index(index[0], i->imm.slot.count);
+        fill_all(in, dst, (const char *)from + (size_t)k * bytes, bytes);
+        return true;
+    }
     for (uint32_t l = 0; l < in->lanes; l++) {
         uint32_t k = i->imm.slot.base + (m->on[l] ? clamp_index(index[l], i->imm.slot.count) : 0);
         if (i->op == OP_iparam) ((int32_t *)dst)[l] = ((const int32_t *)from)[k];
