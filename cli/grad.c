@@ -92,8 +92,8 @@ static int grad_integral(Cli *c, SltProgram *p) {
                        .value_stderr = value_se,
                        .gradient = all,
                        .gradient_stderr = all + n,
-                       .interior = all + 2 * n,
-                       .boundary = all + 3 * n,
+                       .interior = c->json ? all + 2 * n : NULL,
+                       .boundary = c->json ? all + 3 * n : NULL,
                        .missed_estimate = all + 4 * n,
                        .left_bound = all + 5 * n};
     Progress pr;

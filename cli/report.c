@@ -208,49 +208,40 @@ void report_more(const Cli *c, const ReportMore *more, size_t n) {
 }
 
 /* ---- names of components */
-static bool name_in(const Type *t, uint32_t *index, char *buf, size_t size) {
-    size_t at = strlen(buf);
-    static const char xyzw[] = "xyzw";
+static uint32_t floats_in(const Type *t) {
+    uint32_t n = 0;
     switch (t->kind) {
-    case T_FLOAT:
-        if (*index == 0) return true;
-        (*index)--;
-        return false;
+    case T_FLOAT: return 1;
     case T_VECTOR:
-        for (uint32_t k = 0; k < t->n; k++) {
-            snprintf(buf + at, size - at, ".%c", xyzw[k]);
-            if (name_in(t->elem, index, buf, size)) return true;
-        }
-        break;
-    case T_MATRIX:
-        if (*index < type_components(t)) {
-            snprintf(buf + at, size - at, "[%u][%u]", *index / t->columns, *index % t->columns);
-            return true;
-        }
-        *index -= type_components(t);
-        break;
-    case T_ARRAY:
-        for (uint32_t k = 0; k < t->n; k++) {
-            const uint32_t before = *index;
-            snprintf(buf + at, size - at, "[%u]", k);
-            if (name_in(t->elem, index, buf, size)) return true;
-            /* So many are in each: those that end before it are passed over. */
-            const uint32_t each = before - *index, left = t->n - 1 - k;
-            if (!each) break;
-            const uint32_t over = *index / each < left ? *index / each : left;
-            *index -= over * each, k += over;
-        }
-        break;
+    case T_ARRAY: return t->n * floats_in(t->elem);
+    case T_MATRIX: return type_components(t);
     case T_STRUCT:
-        for (uint32_t k = 0; k < t->nfields; k++) {
-            snprintf(buf + at, size - at, ".%s", t->fields[k].name);
-            if (name_in(t->fields[k].type, index, buf, size)) return true;
-        }
+        for (uint32_t k = 0; k < t->nfields; k++) n += floats_in(t->fields[k].type);
+        return n;
+    default: return 0;
+    }
+}
+
+/* Appends where in t float `index` is, of floats_in(t). */
+static void name_in(const Type *t, uint32_t index, char *buf, size_t size) {
+    const size_t at = strlen(buf);
+    const uint32_t each = t->kind == T_VECTOR || t->kind == T_ARRAY ? floats_in(t->elem) : 1;
+    uint32_t field = 0;
+    switch (t->kind) {
+    case T_VECTOR:
+    case T_ARRAY:
+        if (t->kind == T_ARRAY) snprintf(buf + at, size - at, "[%u]", index / each);
+        else snprintf(buf + at, size - at, ".%c", "xyzw"[index / each]);
+        name_in(t->elem, index % each, buf, size);
+        break;
+    case T_MATRIX: snprintf(buf + at, size - at, "[%u][%u]", index / t->columns, index % t->columns); break;
+    case T_STRUCT:
+        for (uint32_t n; (n = floats_in(t->fields[field].type)) <= index; field++) index -= n;
+        snprintf(buf + at, size - at, ".%s", t->fields[field].name);
+        name_in(t->fields[field].type, index, buf, size);
         break;
     default: break;
     }
-    buf[at] = 0;
-    return false;
 }
 
 void report_component_name(const SltProgram *p, uint32_t index, char *buf, size_t size) {
@@ -268,7 +259,7 @@ void report_component_name(const SltProgram *p, uint32_t index, char *buf, size_
             return;
         }
         snprintf(buf, size, "%s", q->name);
-        name_in(q->type, &rest, buf, size);
+        name_in(q->type, rest, buf, size);
         return;
     }
     snprintf(buf, size, "?");

@@ -656,7 +656,8 @@ SltStatus slt_estimate_sampled(const SltScene *s, const SltJob *job, SltIntegral
     SltIntegral all = *out;
     uint64_t n = (uint64_t)s->channels * s->nfloats;
     bool gradient = wants_gradient(out);
-    double *room = alloc_zero(2 * (n + s->channels), sizeof *room), limit = LIMIT, used = 0;
+    const bool all_theirs = (!gradient || (all.gradient && all.gradient_stderr)) && all.value && all.value_stderr;
+    double *room = alloc_zero(all_theirs ? 0 : 2 * (n + s->channels), sizeof *room), limit = LIMIT, used = 0;
     if (!room) return status_fail(err, SLT_LIMIT, "out of memory");
     if (gradient && !all.gradient) all.gradient = room;
     if (gradient && !all.gradient_stderr) all.gradient_stderr = room + n;

@@ -137,11 +137,36 @@ static int by_run(const void *pa, const void *pb) {
     return a->from < b->from ? -1 : 1;
 }
 
+/* Those of one run are few as a rule. */
+static void sort_run(Place *p, uint64_t n) {
+    enum { FEW_PLACES = 16 };
+    if (n > FEW_PLACES) qsort(p, n, sizeof *p, by_run);
+    for (uint64_t i = 1; i < n && n <= FEW_PLACES; i++) {
+        const Place moved = p[i];
+        uint64_t at = i;
+        for (; at && by_run(&p[at - 1], &moved) > 0; at--) p[at] = p[at - 1];
+        p[at] = moved;
+    }
+}
+
 static bool sort_runs(Crossing *c, uint64_t n) {
     Place *place = malloc(n * sizeof *place);
-    if (!place) return false;
-    for (uint64_t i = 0; i < n; i++) place[i] = (Place){c[i].thin, c[i].x[c[i].axis], i};
-    qsort(place, n, sizeof *place, by_run);
+    uint64_t *key = malloc(n * sizeof *key);
+    if (!place || !key) {
+        free(place), free(key);
+        return false;
+    }
+    for (uint64_t i = 0; i < n; i++) key[i] = (uint64_t)c[i].thin << 32 | i;
+    sort_keys(key, (uint32_t)n);
+    for (uint64_t i = 0; i < n; i++) {
+        const Crossing *of = &c[(uint32_t)key[i]];
+        place[i] = (Place){of->thin, of->x[of->axis], (uint32_t)key[i]};
+    }
+    free(key);
+    for (uint64_t i = 0, to; i < n; i = to) {
+        for (to = i + 1; to < n && place[to].run == place[i].run;) to++;
+        sort_run(place + i, to - i);
+    }
     for (uint64_t i = 0; i < n; i++) { /* round by round, each to its place */
         uint64_t to = i, from = place[i].from;
         if (from == i) continue;
