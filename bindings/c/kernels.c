@@ -390,7 +390,8 @@ static SltStatus compile_order(KernelOrder *q, const KernelSet *set, OrderFacts 
         p->fn[k] = set->fn[k], p->tape[k] = set->tape[k];
         kernel_facts(p, k, set, f);
         const BackOptions o = back_options(p, facts->few, facts->plain, level);
-        if (k == K_VALUE && p->opt.rgba8) back_share_row(set->fn[k], &p->target, back_width_choice(&this, 0, &o).lanes);
+        if (k == K_VALUE && p->opt.rgba8 && p->lists != LISTS_USED)
+            back_share_row(set->fn[k], &p->target, back_width_choice(&this, 0, &o).lanes);
         if (p->opt.interpret) continue;
         if (q->late[k]) facts->lanes = back_width_choice(&this, 0, &o).lanes;
         else add_kernel(&group[q->soon[k]], this, facts->few, facts->plain);

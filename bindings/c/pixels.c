@@ -8,13 +8,14 @@
 #include <string.h>
 
 #include "bindings/c/api.h"
+#include "bindings/c/listed.h"
 #include "runtime/sample/prune.h"
 #include "runtime/sample/run.h"
 
 enum {
-    SIDE = 8,      /* of a square; rows of a strip */
-    CALL = 1024,   /* samples, of squares */
-    CALL_ROW = 512 /* of a row: what a call costs against what its lanes of y do */
+    SIDE = PIXEL_SIDE, /* of a square; rows of a strip */
+    CALL = 1024,       /* samples, of squares */
+    CALL_ROW = 512     /* of a row: what a call costs against what its lanes of y do */
 };
 
 /* Positions along x and pixels of lanes, for the whole width. Positions are those of the scene's precision. */
@@ -30,6 +31,7 @@ typedef struct PixelWorker {
     int32_t *row;
     uint32_t out[CALL + SLT_PAD] __attribute__((aligned(64)));
     SltKernelArgs args;
+    Listed *listed; /* NULL: there are no lists */
 } PixelWorker;
 
 typedef struct Pixels {
@@ -38,6 +40,7 @@ typedef struct Pixels {
     uint32_t *out;
     bool squares, same_row, asks_pixels; /* same_row: a call is of one row, whose y it reads once */
     Columns in_row, in_squares;          /* lane (column / SIDE * SIDE + row) * SIDE + column % SIDE of a strip */
+    bool listed;                         /* tiles, with lists of what can matter in their parts */
     PixelWorker *worker;
 } Pixels;
 
@@ -80,9 +83,10 @@ static bool place_squares(const Pixels *q, const Columns *row, Columns *c) {
     return true;
 }
 
-/* Of the lanes of a call, `rows` rows in the order of in_squares or one row. */
-static void place_rows(const Pixels *q, PixelWorker *w, uint32_t first, uint32_t rows) {
-    const size_t lanes = q->same_row ? SIDE : (rows > 1 ? CALL : CALL_ROW) + SLT_PAD, bytes = flt_bytes(q->p);
+/* Of the lanes of calls of so many columns, `rows` rows in the order of in_squares or one row. */
+static void place_rows(const Pixels *q, PixelWorker *w, uint32_t first, uint32_t rows, uint32_t columns) {
+    const size_t most = rows > 1 ? CALL : CALL_ROW, wanted = (size_t)rows * columns, bytes = flt_bytes(q->p),
+                 lanes = q->same_row ? SIDE : (wanted < most ? wanted : most) + SLT_PAD;
     for (uint32_t r = 0; r < rows; r++) {
         double y = api_middle(q->p, q->job, 1, q->job->size[1] - 1 - first - r);
         for (uint32_t k = r * SIDE; k < r * SIDE + SIDE; k++) set(q->p, w->y, k, y), w->row[k] = (int32_t)(first + r);
@@ -96,6 +100,8 @@ static void place_rows(const Pixels *q, PixelWorker *w, uint32_t first, uint32_t
 
 static bool worker_init(const Pixels *q, PixelWorker *w) {
     enum { LANES = CALL + SLT_PAD };
+    if (q->listed && (!(w->listed = calloc(1, sizeof *w->listed)) || !listed_init(w->listed, q->p, q->job)))
+        return false;
     w->y = aligned_alloc(64, LANES * sizeof(double)), w->z = aligned_alloc(64, LANES * sizeof(double));
     w->zero = aligned_alloc(64, LANES * sizeof(double)), w->row = aligned_alloc(64, LANES * sizeof(int32_t));
     if (!w->y || !w->z || !w->zero || !w->row) return false;
@@ -109,7 +115,10 @@ static bool worker_init(const Pixels *q, PixelWorker *w) {
     return true;
 }
 
-static void worker_free(PixelWorker *w) { free(w->y), free(w->z), free(w->zero), free(w->row); }
+static void worker_free(PixelWorker *w) {
+    if (w->listed) listed_free(w->listed);
+    free(w->listed), free(w->y), free(w->z), free(w->zero), free(w->row);
+}
 
 /* Samples of lanes from `lane` on. Kernels write whole vectors: there is room for SLT_PAD more. */
 static void call(const Pixels *q, PixelWorker *w, const Columns *c, size_t lane, uint32_t n, uint32_t *out) {
@@ -119,11 +128,11 @@ static void call(const Pixels *q, PixelWorker *w, const Columns *c, size_t lane,
     q->p->scene.kernel[SLT_K_VALUE](&w->args, n);
 }
 
-static void run_squares(const Pixels *q, PixelWorker *w, uint32_t row) {
+/* Columns from `column` on up to the one before `beyond`. */
+static void run_squares(const Pixels *q, PixelWorker *w, uint32_t row, uint32_t column, uint32_t beyond) {
     const uint32_t width = q->job->size[0], columns = CALL / SIDE;
-    place_rows(q, w, row, SIDE);
-    for (uint32_t first = 0; first < width; first += columns) {
-        uint32_t end = width - first < columns ? width : first + columns;
+    for (uint32_t first = column; first < beyond; first += columns) {
+        uint32_t end = beyond - first < columns ? beyond : first + columns;
         call(q, w, &q->in_squares, (size_t)first * SIDE, (end - first) * SIDE, w->out);
         const uint32_t *from = w->out;
         for (uint32_t c = first; c < end; c += SIDE)
@@ -132,12 +141,10 @@ static void run_squares(const Pixels *q, PixelWorker *w, uint32_t row) {
     }
 }
 
-static void run_row(const Pixels *q, PixelWorker *w, uint32_t row) {
-    const uint32_t width = q->job->size[0];
-    uint32_t *out = q->out + (size_t)row * width;
-    place_rows(q, w, row, 1);
-    for (uint32_t first = 0; first < width; first += CALL_ROW) {
-        uint32_t n = width - first < CALL_ROW ? width - first : CALL_ROW, rest = n % q->p->scene.widest;
+static void run_row(const Pixels *q, PixelWorker *w, uint32_t row, uint32_t column, uint32_t beyond) {
+    uint32_t *out = q->out + (size_t)row * q->job->size[0];
+    for (uint32_t first = column; first < beyond; first += CALL_ROW) {
+        uint32_t n = beyond - first < CALL_ROW ? beyond - first : CALL_ROW, rest = n % q->p->scene.widest;
         if (n > rest) call(q, w, &q->in_row, first, n - rest, out + first);
         if (!rest) continue;
         call(q, w, &q->in_row, first + n - rest, rest, w->out);
@@ -145,32 +152,70 @@ static void run_row(const Pixels *q, PixelWorker *w, uint32_t row) {
     }
 }
 
-static bool work(void *user, uint32_t worker, uint64_t strip) {
-    const Pixels *q = user;
-    uint32_t row = (uint32_t)strip * SIDE, height = q->job->size[1], rows = height - row < SIDE ? height - row : SIDE;
-    if (q->squares && rows == SIDE) run_squares(q, &q->worker[worker], row);
-    else
-        for (uint32_t r = row; r < row + rows; r++) run_row(q, &q->worker[worker], r);
+/* Rows of parts that lie side by side, all as wide as the first or less; `first`: its number, of lists. */
+static void run_rows(const Pixels *q, PixelWorker *w, uint32_t row, uint32_t rows, const PixelPart *part, uint32_t n,
+                     uint32_t first) {
+    const bool squares = q->squares && rows == SIDE;
+    const uint32_t step = squares ? SIDE : 1;
+    for (uint32_t r = row; r < row + rows; r += step) {
+        place_rows(q, w, r, step, part->n[0]);
+        for (uint32_t i = 0; i < n; i++) {
+            if (q->listed) w->args.cull = listed_part(w->listed, first + i);
+            (squares ? run_squares : run_row)(q, w, r, part[i].first[0], part[i].first[0] + part[i].n[0]);
+        }
+    }
+}
+
+static uint32_t least(uint32_t a, uint32_t b) { return a < b ? a : b; }
+
+static bool run_strip(const Pixels *q, PixelWorker *w, uint64_t strip) {
+    const uint32_t row = (uint32_t)strip * SIDE;
+    const PixelPart all = {.first = {0, row}, .n = {q->job->size[0], least(q->job->size[1] - row, SIDE)}};
+    run_rows(q, w, row, all.n[1], &all, 1, 0);
     return true;
+}
+
+static bool run_tile(const Pixels *q, PixelWorker *w, uint64_t tile) {
+    const uint32_t across = (q->job->size[0] + LISTED_TILE - 1) / LISTED_TILE;
+    PixelPart all = {.first = {(uint32_t)(tile % across) * LISTED_TILE, (uint32_t)(tile / across) * LISTED_TILE}},
+              part[LISTED_PARTS];
+    for (uint32_t d = 0; d < 2; d++) all.n[d] = least(q->job->size[d] - all.first[d], LISTED_TILE);
+    const uint32_t n = listed_tile(w->listed, q->p, q->job, &all, part),
+                   side_by_side = (all.n[0] + LISTED_PART - 1) / LISTED_PART;
+    for (uint32_t i = 0; i < n; i += side_by_side)
+        for (uint32_t row = 0; row < part[i].n[1]; row += SIDE)
+            run_rows(q, w, part[i].first[1] + row, least(part[i].n[1] - row, SIDE), &part[i], side_by_side, i);
+    return n > 0;
+}
+
+static bool work(void *user, uint32_t worker, uint64_t at) {
+    const Pixels *q = user;
+    return (q->listed ? run_tile : run_strip)(q, &q->worker[worker], at);
 }
 
 static void merge(void *user, uint32_t worker, uint64_t tile) { (void)user, (void)worker, (void)tile; }
 
 static SltStatus render(SltProgram *p, const SltJob *job, uint32_t *pixels, SltStats *stats, SltError *err) {
-    uint64_t strips = (job->size[1] + SIDE - 1) / SIDE;
     Pixels q = {.p = p, .job = job, .out = pixels};
     q.same_row = p->fn[K_VALUE]->same;
     q.squares = !q.same_row && job->size[0] % SIDE == 0 &&
                 !ir_has(p->fn[K_VALUE]->body, OP_print); /* what is printed comes row by row */
+    q.listed = q.squares && listed_serves(p, job);
+    const uint64_t strips = (job->size[1] + SIDE - 1) / SIDE, across = (job->size[0] + LISTED_TILE - 1) / LISTED_TILE,
+                   down = (job->size[1] + LISTED_TILE - 1) / LISTED_TILE, items = q.listed ? across * down : strips;
     q.asks_pixels = p->scene.layout[SLT_K_VALUE].reads >> SLT_IN_PIXEL0 & 3;
-    uint32_t threads = pool_threads(job->threads, strips);
+    uint32_t threads = pool_threads(job->threads, items);
     q.worker = aligned_alloc(64, threads * sizeof *q.worker);
     bool ok = q.worker && place_row(&q, &q.in_row) && (!q.squares || place_squares(&q, &q.in_row, &q.in_squares));
     if (q.worker) memset(q.worker, 0, threads * sizeof *q.worker);
     for (uint32_t t = 0; ok && t < threads; t++) ok = worker_init(&q, &q.worker[t]);
     double start = pool_now();
     PoolOptions o = pool_of_job(job, threads);
-    SltStatus s = ok ? pool_run(&o, strips, work, merge, &q, err) : status_fail(err, SLT_LIMIT, "out of memory");
+    SltStatus s = ok ? pool_run(&o, items, work, merge, &q, err) : status_fail(err, SLT_LIMIT, "out of memory");
+    uint64_t all = 0, kept = 0;
+    for (uint32_t t = 0; s == SLT_OK && q.listed && t < threads; t++)
+        all += q.worker[t].listed->all, kept += q.worker[t].listed->kept;
+    if (all) listed_judge(p, all, kept);
     if (stats) stats->samples += (uint64_t)job->size[0] * job->size[1], stats->seconds += pool_now() - start;
     for (uint32_t t = 0; q.worker && t < threads; t++) worker_free(&q.worker[t]);
     free(q.worker);
@@ -179,13 +224,15 @@ static SltStatus render(SltProgram *p, const SltJob *job, uint32_t *pixels, SltS
 }
 
 SltStatus slt_render_rgba8(SltProgram *p, const SltJob *job, uint32_t *pixels, SltStats *stats, SltError *err) {
-    static const bool needs[K_KINDS] = {[K_VALUE] = true, [K_PRUNE] = true, [K_PRUNED] = true};
+    bool needs[K_KINDS] = {[K_VALUE] = true, [K_PRUNE] = true, [K_PRUNED] = true};
     ApiCall c;
     SltStatus s = api_call_begin(&c, p, job, stats, err);
     if (s == SLT_OK && (p->opt.interpret || !p->opt.rgba8))
         s = status_fail(err, SLT_USAGE, "8-bit pixels need a program compiled with rgba8, and no interpreter");
     if (s == SLT_OK && (p->prog->dim == 3 || p->prog->uses_rand))
         s = status_fail(err, SLT_USAGE, "8-bit pixels are for 1D and 2D domains without rand()");
+    if (s == SLT_OK) s = api_site_facts(p, err);
+    if (s == SLT_OK) needs[K_BOUNDS] = api_wants_lists(p, &c.job);
     if (s == SLT_OK) s = api_kernels(p, needs, err); /* pixels of a row share what its IR says */
     bool squares = s == SLT_OK && p->scene.dim == 2 && prune_can(&p->scene);
     if (s == SLT_OK) s = (squares ? api_render_squares : render)(p, &c.job, pixels, c.stats, err);

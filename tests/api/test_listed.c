@@ -1,0 +1,125 @@
+/* 8-bit pixels of loops with lists, tile by tile (bindings/c/listed.h): every bit is what it is without lists, whatever
+ * the image's shape, the precision and the threads; where lists save nothing there are none after the first image. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "bindings/c/listed.h"
+
+#define DISCS "param float d[200] = init(disc); float disc(int i) { return frac(float(i) * 0.618 + 0.37); }\n"
+
+static const char *const painter =
+    DISCS "[NoDisc] shader float3 main(float2 x) { float3 c = float3(0.0); float t = 1.0;\n"
+          "for (int i = 0; i < 50; i++) { int q = i * 4; float2 e = x - float2(d[q], d[q + 1]);\n"
+          "float s = dot(e, e); if (s < 0.01 * d[q + 2]) { float a = 0.2 + 0.7 * d[q + 3] * (1.0 - 9.0 * s);\n"
+          "c += t * a * float3(d[q], d[q + 2], d[q + 3]); t *= 1.0 - a; if (t < 0.05) break; } } return c + t; }";
+static const char *const opaque = DISCS
+    "shader float3 main(float2 x) { float3 c = float3(0.9);\n"
+    "for (int i = 0; i < 50; i++) { int q = i * 4; [Disc] if (distance(x, float2(d[q], d[q + 1])) < 0.2 * d[q + 2])\n"
+    "c = float3(d[q], d[q + 2], d[q + 3]); } return c; }";
+static const char *const nearest =
+    DISCS "[NoDisc] shader float main(float2 x) { float best = 9.0, c = 0.0;\n"
+          "for (int i = 0; i < 100; i++) { float2 e = x - float2(d[2 * i], d[2 * i + 1]); float s = dot(e, e);\n"
+          "if (s < best) { best = s; c = d[i]; } } return c; }";
+static const char *const cull =
+    DISCS "float4 extent(int i) { float2 p = float2(d[2 * i], d[2 * i + 1]); return float4(p - 0.1, p + 0.1); }\n"
+          "shader float main(float2 x) { float f = 0.1;\n"
+          "[Cull(extent)] for (int i = 0; i < 100; i++) { float2 e = x - float2(d[2 * i], d[2 * i + 1]);\n"
+          "[Disc] if (dot(e, e) < 0.01) f = d[i]; } return f; }";
+static const char *const all_of_them =
+    DISCS "[NoDisc] shader float main(float2 x) { float f = 0.0;\n"
+          "for (int i = 0; i < 50; i++) { if (x.x + d[i] > -1.0) f += d[i] * 0.03; } return f * x.y; }";
+
+static SltProgram *compile(const char *source, bool f64) {
+    SltOptions o = SLT_OPTIONS_INIT;
+    SltProgram *p = NULL;
+    o.rgba8 = true, o.f64 = f64, o.no_cache = true;
+    if (slt_compile_string(source, "listed.salt", &o, &p) != SLT_OK) fail_msg("%s", slt_diagnostics_text(p));
+    return p;
+}
+
+static void shade(SltProgram *p, uint32_t width, uint32_t height, uint32_t threads, uint32_t *pixels) {
+    SltJob job = SLT_JOB_INIT;
+    SltError err = {0};
+    job.size[0] = width, job.size[1] = height, job.threads = threads;
+    if (slt_render_rgba8(p, &job, pixels, NULL, &err) != SLT_OK) fail_msg("%s", err.text);
+}
+
+static const double at_once = 1e300, never = -1e300; /* SltProgram.pixel_work */
+
+static void one_program(const char *source, bool f64) {
+    static const uint32_t shape[][2] = {{304, 200}, {8, 8}, {264, 131}, {1032, 24}, {301, 200}, {128, 1}};
+    SltProgram *with = compile(source, f64), *without = compile(source, f64);
+    for (size_t i = 0; i < sizeof shape / sizeof *shape; i++) {
+        const uint32_t *n = shape[i];
+        const size_t size = (size_t)n[0] * n[1];
+        uint32_t *x = calloc(size, sizeof *x), *y = calloc(size, sizeof *y);
+        without->pixel_work = never, with->pixel_work = at_once;
+        shade(without, n[0], n[1], 1, x);
+        shade(with, n[0], n[1], i % 2 ? 3 : 1, y);
+        assert_int_equal(with->lists, LISTS_USED);
+        assert_int_equal(without->lists, LISTS_UNASKED);
+        if (memcmp(x, y, size * sizeof *x)) fail_msg("%u x %u: other pixels\n%s", n[0], n[1], source);
+        free(x), free(y);
+    }
+    slt_program_free(with), slt_program_free(without);
+}
+
+static void same_bits(void **state) {
+    (void)state;
+    const char *const source[] = {painter, opaque, nearest, cull};
+    for (size_t i = 0; i < sizeof source / sizeof *source; i++) one_program(source[i], i % 2);
+    one_program(painter, true), one_program(nearest, true);
+}
+
+/* Lists follow the parameters; kernels are made once. */
+static void parameters_move(void **state) {
+    (void)state;
+    enum { SIDE = 160 };
+    SltProgram *with = compile(opaque, false), *without = compile(opaque, false);
+    uint32_t *x = calloc(SIDE * SIDE, sizeof *x), *y = calloc(SIDE * SIDE, sizeof *y), modules = 0;
+    SltError err;
+    with->pixel_work = at_once, without->pixel_work = never;
+    for (int k = 0; k < 3; k++) {
+        const double v[4] = {0.3 * k, 0.5, 0.9, 0.1 * k};
+        assert_int_equal(slt_set_floats(with, 192, 4, v, &err), SLT_OK);
+        assert_int_equal(slt_set_floats(without, 192, 4, v, &err), SLT_OK);
+        shade(with, SIDE, SIDE, 2, y), shade(without, SIDE, SIDE, 2, x);
+        assert_memory_equal(x, y, SIDE * SIDE * sizeof *x);
+        if (k) assert_int_equal(with->nmodules, modules);
+        modules = with->nmodules;
+    }
+    free(x), free(y);
+    slt_program_free(with), slt_program_free(without);
+}
+
+/* Small images ask for no other kernel; many of them do. Where all iterations matter everywhere, no lists are made
+ * again. */
+static void only_where_it_pays(void **state) {
+    (void)state;
+    enum { SIDE = 160 };
+    SltProgram *p = compile(all_of_them, false);
+    uint32_t *x = calloc(SIDE * SIDE, sizeof *x), *y = calloc(SIDE * SIDE, sizeof *y);
+    shade(p, SIDE, SIDE, 1, x);
+    assert_int_equal(p->lists, LISTS_UNASKED);
+    assert_null(p->scene.kernel[SLT_K_BOUNDS]);
+    p->pixel_work = at_once;
+    for (int k = 0; k < 2; k++) {
+        shade(p, SIDE, SIDE, 1, y);
+        assert_int_equal(p->lists, LISTS_USELESS);
+        assert_memory_equal(x, y, SIDE * SIDE * sizeof *x);
+    }
+    assert_non_null(p->scene.kernel[SLT_K_BOUNDS]);
+    free(x), free(y);
+    slt_program_free(p);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(same_bits), cmocka_unit_test(parameters_move),
+                                       cmocka_unit_test(only_where_it_pays)};
+    return cmocka_run_group_tests_name("listed", tests, NULL, NULL);
+}
