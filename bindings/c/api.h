@@ -83,7 +83,7 @@ struct SltProgram {
     uint32_t nlists;                                         /* loops with lists, [Cull] loops first */
     uint32_t *list_counts;                                   /* [SLT_MAX_CULL]: iterations of each */
     enum { LISTS_UNASKED, LISTS_USED, LISTS_USELESS } lists; /* listed.c: of parts of images of 8-bit pixels */
-    double pixel_work;                                       /* of such images so far: instructions of all samples */
+    double list_work;                                        /* of images so far: instructions of all samples */
     uint8_t *list_noted; /* [SLT_MAX_CULL]: 1 where `bounds` notes which can matter */
     uint8_t *site_kind, *site_static, *site_skips, *site_ties; /* by site: see SltScene */
     SltTwins *twins;                                           /* [ntwins] */
@@ -194,9 +194,10 @@ SltStatus api_steep(ApiCall *c, SltIntegral *out, uint64_t spent);
 /* ---- pixels.c, squares.c: images of 8-bit pixels */
 double api_middle(const SltProgram *p, const SltJob *job, uint32_t axis, uint32_t cell); /* of a pixel; cells go up */
 SltStatus api_render_squares(SltProgram *p, const SltJob *job, uint32_t *pixels, SltStats *stats, SltError *err);
-/* ---- listed.c: lists of iterations for parts of images of 8-bit pixels. Before kernels are asked for: are lists to be
- * used? Then the call wants `bounds`. */
-bool api_wants_lists(SltProgram *p, const SltJob *job);
+/* ---- listed.c: lists of iterations for parts of images. After api_site_facts, before kernels are asked for: is it
+ * worth while to compile `bounds` for an image of so many samples, and those that were before it? */
+bool api_lists_pay(SltProgram *p, double samples);
+bool api_wants_lists(SltProgram *p, const SltJob *job); /* the same for 8-bit pixels, whose value kernel may change */
 /* ---- geometry.c */
 bool api_geometries_init(SltProgram *p);
 void api_geometries_free(SltProgram *p);

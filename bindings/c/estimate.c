@@ -109,6 +109,9 @@ static SltStatus begin_render(ApiCall *c, SltProgram *p, const SltJob *job, SltS
     s = settle(c, soon, none);
     value_needs(&c->job, needs);
     needs[K_PRUNE] = needs[K_PRUNED] = !by_cells(&c->job) && !c->job.integral;
+    if (s == SLT_OK && needs[K_PRUNE]) s = api_site_facts(p, err);
+    if (s == SLT_OK && needs[K_PRUNE])
+        needs[K_BOUNDS] = api_lists_pay(p, (double)c->job.size[0] * c->job.size[1] * c->job.spp);
     return s != SLT_OK ? s : api_call_kernels(c, needs);
 }
 

@@ -25,16 +25,20 @@ static void switch_to(SltProgram *p, int lists) {
     p->tried[K_VALUE] = p->has[K_VALUE] = false, p->fn[K_VALUE] = NULL, p->scene.kernel[K_VALUE] = NULL;
 }
 
-bool api_wants_lists(SltProgram *p, const SltJob *job) {
+bool api_lists_pay(SltProgram *p, double samples) {
     const Block *body = p->prog->primal->body;
     uint64_t n = 0;
-    if (p->lists != LISTS_UNASKED) return p->lists == LISTS_USED;
     for (uint32_t i = 0; i < p->nlists; i++) n += p->list_counts[i];
     if (n < LEAST || p->prog->dim != 2 || p->prog->ngeometries || p->scene.chunks || p->opt.interpret ||
-        api_too_many_sites(p) || ir_has(body, OP_print) /* which comes row by row */ || !is_large(job))
+        api_too_many_sites(p) || ir_has(body, OP_print) /* which comes row by row */)
         return false;
-    p->pixel_work += (double)job->size[0] * job->size[1] * p->scene.work;
-    if (p->pixel_work < worth * instructions(body)) return false;
+    p->list_work += samples * p->scene.work;
+    return p->has[K_BOUNDS] || p->list_work >= worth * instructions(body);
+}
+
+bool api_wants_lists(SltProgram *p, const SltJob *job) {
+    if (p->lists != LISTS_UNASKED) return p->lists == LISTS_USED;
+    if (!is_large(job) || !api_lists_pay(p, (double)job->size[0] * job->size[1])) return false;
     switch_to(p, LISTS_USED);
     return true;
 }

@@ -7,8 +7,10 @@
 #include "runtime/sample/alloc.h"
 #include "runtime/sample/narrow.h"
 
-/* Iterations of a tile: to ask about fewer takes as long as to run them. */
-enum { LEAST = 16 };
+enum {
+    LEAST = 16, /* iterations of a tile: to ask about fewer takes as long as to run them */
+    IDLE = 15   /* tiles, after one of which more than 7/8 are kept */
+};
 
 bool narrow_serves(const SltScene *s) {
     bool noted = false;
@@ -74,11 +76,13 @@ bool narrow_tile(Narrowed *k, Batch *b, const NarrowParts *p) {
     if (!k->note || (b->pool && pool_stop_reason(b->pool) != SLT_OK)) return true;
     for (uint32_t i = 0; i < s->nlists; i++) n += length(k, s, i);
     if (n < LEAST) return true;
+    if (k->idle) return k->idle--, true;
     if (!room(k, n)) return false;
     memset(k->notes, 0, n * sizeof *k->notes);
     for (uint32_t i = 0; i < s->nlists; at += length(k, s, i++)) k->note[i] = k->notes + at;
     ask(k, b, p);
     at = 0;
+    uint64_t kept = 0;
     for (uint32_t i = 0; i < s->nlists; i++) {
         const int32_t *item = k->current ? k->current[i].items : NULL;
         const uint32_t len = length(k, s, i);
@@ -88,10 +92,13 @@ bool narrow_tile(Narrowed *k, Batch *b, const NarrowParts *p) {
         if (!s->list_noted[i]) continue;
         for (uint32_t j = len; j-- > 0; hidden |= (uint32_t)k->note[i][j].must) k->note[i][j].may &= all & ~hidden;
         for (uint32_t j = 0; j < len; j++)
-            if (k->note[i][j].may)
+            if (k->note[i][j].may) {
                 k->keep[at] = (uint32_t)k->note[i][j].may, k->items[at++] = item ? item[j] : (int32_t)j;
+                kept += (uint32_t)__builtin_popcountll(k->note[i][j].may);
+            }
         k->whole[i] = (SltCullList){k->items + first, (int32_t)(at - first)};
     }
+    k->idle = kept > n * parts / 8 * 7 ? IDLE : 0;
     k->rows = p->rows;
     return true;
 }

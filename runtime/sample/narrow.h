@@ -33,6 +33,7 @@ typedef struct Narrowed {
     uint32_t *keep;             /* by item of `whole`, list behind list: bits by part */
     int32_t *items, *some;      /* likewise: the iterations; room for those of `of` */
     uint64_t cap;
+    uint32_t idle; /* tiles that will not be asked about, since of the last hardly anything could be left out */
 } Narrowed;
 bool narrow_init(Narrowed *k, const SltScene *s);
 void narrow_free(Narrowed *k);

@@ -1,4 +1,4 @@
-/* 8-bit pixels of loops with lists, tile by tile (bindings/c/listed.h): every bit is what it is without lists, whatever
+/* Images of loops with lists, tile by tile (bindings/c/listed.h): every bit is what it is without lists, whatever
  * the image's shape, the precision and the threads; where lists save nothing there are none after the first image. */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -49,7 +49,7 @@ static void shade(SltProgram *p, uint32_t width, uint32_t height, uint32_t threa
     if (slt_render_rgba8(p, &job, pixels, NULL, &err) != SLT_OK) fail_msg("%s", err.text);
 }
 
-static const double at_once = 1e300, never = -1e300; /* SltProgram.pixel_work */
+static const double at_once = 1e300, never = -1e300; /* SltProgram.list_work */
 
 static void one_program(const char *source, bool f64) {
     static const uint32_t shape[][2] = {{304, 200}, {8, 8}, {264, 131}, {1032, 24}, {301, 200}, {128, 1}};
@@ -58,7 +58,7 @@ static void one_program(const char *source, bool f64) {
         const uint32_t *n = shape[i];
         const size_t size = (size_t)n[0] * n[1];
         uint32_t *x = calloc(size, sizeof *x), *y = calloc(size, sizeof *y);
-        without->pixel_work = never, with->pixel_work = at_once;
+        without->list_work = never, with->list_work = at_once;
         shade(without, n[0], n[1], 1, x);
         shade(with, n[0], n[1], i % 2 ? 3 : 1, y);
         assert_int_equal(with->lists, LISTS_USED);
@@ -76,6 +76,38 @@ static void same_bits(void **state) {
     one_program(painter, true), one_program(nearest, true);
 }
 
+/* Samples of pixels, too, strip by strip of a tile (runtime/sample/narrow.h). */
+static void samples_of_pixels(void **state) {
+    (void)state;
+    static const char *const source[] = {painter, opaque, nearest, cull, all_of_them};
+    enum { WIDTH = 101, HEIGHT = 66, MOST = 3 };
+    static const uint32_t spp[] = {1, 4, 5};
+    for (size_t i = 0; i < sizeof source / sizeof *source; i++) {
+        SltOptions o = SLT_OPTIONS_INIT;
+        SltProgram *p[2] = {NULL, NULL};
+        float *image[2];
+        o.f64 = i % 2, o.no_cache = true;
+        for (int k = 0; k < 2; k++) {
+            if (slt_compile_string(source[i], "listed.salt", &o, &p[k]) != SLT_OK)
+                fail_msg("%s", slt_diagnostics_text(p[k]));
+            image[k] = calloc((size_t)WIDTH * HEIGHT * MOST, sizeof(float));
+        }
+        for (size_t n = 0; n < sizeof spp / sizeof *spp; n++) {
+            SltJob job = SLT_JOB_INIT;
+            SltError err = {0};
+            job.size[0] = WIDTH, job.size[1] = HEIGHT, job.spp = spp[n], job.threads = 1 + (uint32_t)n;
+            job.filter = n ? SLT_FILTER_BOX : SLT_FILTER_GAUSSIAN;
+            for (int k = 0; k < 2; k++) {
+                p[k]->list_work = k ? at_once : never;
+                if (slt_render(p[k], &job, image[k], NULL, &err) != SLT_OK) fail_msg("%s", err.text);
+                assert_int_equal(p[k]->scene.kernel[SLT_K_BOUNDS] != NULL, k);
+            }
+            assert_memory_equal(image[0], image[1], (size_t)WIDTH * HEIGHT * MOST * sizeof(float));
+        }
+        for (int k = 0; k < 2; k++) slt_program_free(p[k]), free(image[k]);
+    }
+}
+
 /* Lists follow the parameters; kernels are made once. */
 static void parameters_move(void **state) {
     (void)state;
@@ -83,7 +115,7 @@ static void parameters_move(void **state) {
     SltProgram *with = compile(opaque, false), *without = compile(opaque, false);
     uint32_t *x = calloc(SIDE * SIDE, sizeof *x), *y = calloc(SIDE * SIDE, sizeof *y), modules = 0;
     SltError err;
-    with->pixel_work = at_once, without->pixel_work = never;
+    with->list_work = at_once, without->list_work = never;
     for (int k = 0; k < 3; k++) {
         const double v[4] = {0.3 * k, 0.5, 0.9, 0.1 * k};
         assert_int_equal(slt_set_floats(with, 192, 4, v, &err), SLT_OK);
@@ -107,7 +139,7 @@ static void only_where_it_pays(void **state) {
     shade(p, SIDE, SIDE, 1, x);
     assert_int_equal(p->lists, LISTS_UNASKED);
     assert_null(p->scene.kernel[SLT_K_BOUNDS]);
-    p->pixel_work = at_once;
+    p->list_work = at_once;
     for (int k = 0; k < 2; k++) {
         shade(p, SIDE, SIDE, 1, y);
         assert_int_equal(p->lists, LISTS_USELESS);
@@ -119,7 +151,7 @@ static void only_where_it_pays(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(same_bits), cmocka_unit_test(parameters_move),
-                                       cmocka_unit_test(only_where_it_pays)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(same_bits), cmocka_unit_test(samples_of_pixels),
+                                       cmocka_unit_test(parameters_move), cmocka_unit_test(only_where_it_pays)};
     return cmocka_run_group_tests_name("listed", tests, NULL, NULL);
 }
