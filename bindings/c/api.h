@@ -84,6 +84,7 @@ struct SltProgram {
     uint32_t *list_counts;                                   /* [SLT_MAX_CULL]: iterations of each */
     enum { LISTS_UNASKED, LISTS_USED, LISTS_USELESS } lists; /* listed.c: of parts of images of 8-bit pixels */
     double list_work;                                        /* of images so far: instructions of all samples */
+    SltKernel *image_bounds;                                 /* `bounds`, compiled for images; NULL: not yet */
     uint8_t *list_noted; /* [SLT_MAX_CULL]: 1 where `bounds` notes which can matter */
     uint8_t *site_kind, *site_static, *site_skips, *site_ties; /* by site: see SltScene */
     SltTwins *twins;                                           /* [ntwins] */
@@ -197,6 +198,9 @@ SltStatus api_render_squares(SltProgram *p, const SltJob *job, uint32_t *pixels,
 /* ---- listed.c: lists of iterations for parts of images. After api_site_facts, before kernels are asked for: is it
  * worth while to compile `bounds` for an image of so many samples, and those that were before it? */
 bool api_lists_pay(SltProgram *p, double samples);
+/* kernels.c: for this image alone; no other call sees it. */
+SltStatus api_lists_begin(SltProgram *p, SltError *err);
+void api_lists_end(SltProgram *p);
 bool api_wants_lists(SltProgram *p, const SltJob *job); /* the same for 8-bit pixels, whose value kernel may change */
 /* ---- geometry.c */
 bool api_geometries_init(SltProgram *p);

@@ -110,8 +110,8 @@ static SltStatus begin_render(ApiCall *c, SltProgram *p, const SltJob *job, SltS
     value_needs(&c->job, needs);
     needs[K_PRUNE] = needs[K_PRUNED] = !by_cells(&c->job) && !c->job.integral;
     if (s == SLT_OK && needs[K_PRUNE]) s = api_site_facts(p, err);
-    if (s == SLT_OK && needs[K_PRUNE])
-        needs[K_BOUNDS] = api_lists_pay(p, (double)c->job.size[0] * c->job.size[1] * c->job.spp);
+    if (s == SLT_OK && needs[K_PRUNE] && api_lists_pay(p, (double)c->job.size[0] * c->job.size[1] * c->job.spp))
+        s = api_lists_begin(p, err);
     return s != SLT_OK ? s : api_call_kernels(c, needs);
 }
 
@@ -191,6 +191,7 @@ SltStatus slt_render(SltProgram *p, const SltJob *job, float *image, SltStats *s
     ApiCall c;
     SltStatus s = begin_render(&c, p, job, stats, err);
     if (s == SLT_OK) s = slt_estimate_render(&p->scene, &c.job, 0, image, c.stats, err);
+    if (c.p) api_lists_end(p);
     if (s == SLT_OK) count_nonfinite_pixels(&c, image, NULL);
     return api_call_end(&c, s);
 }

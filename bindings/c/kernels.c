@@ -327,7 +327,7 @@ static void adopt_kernel(SltProgram *p, int kind, const KernelFacts *k) {
 
 static void adopt(const KernelOrder *q, const OrderFacts *f) {
     SltProgram *p = q->p;
-    adopt_edges(p, f);
+    if (!q->of_images) adopt_edges(p, f);
     for (int k = 0; k < K_KINDS; k++) {
         p->tried[k] |= q->needs[k];
         if (f->kernel[k].made) adopt_kernel(p, k, &f->kernel[k]);
@@ -574,6 +574,31 @@ static SltStatus make_kernels(SltProgram *p, const bool needs[K_KINDS], const bo
     return SLT_OK;
 }
 
+/* Whether `bounds` is there, and what is known of edges, decides how much is looked for in derivatives, and in which
+ * order they are summed: these must not hang on the images that were made before. */
+SltStatus api_lists_begin(SltProgram *p, SltError *err) {
+    SltScene *s = &p->scene;
+    SltError own;
+    if (!err) err = &own;
+    if (s->kernel[K_BOUNDS]) return SLT_OK;
+    if (!p->image_bounds) {
+        KernelOrder q = {.p = p, .by_facts = true, .of_images = true, .err = err};
+        if (p->nmodules + 4 >= sizeof p->modules / sizeof *p->modules) return SLT_OK;
+        q.needs[K_BOUNDS] = true;
+        const int unwound = session_protect(p->session, build_body, &q);
+        if (unwound) return status_fail(err, (SltStatus)unwound, "%s", p->session->unwind_text);
+        if (q.status != SLT_OK) return q.status;
+        p->image_bounds = s->kernel[K_BOUNDS];
+        p->tried[K_BOUNDS] = p->has[K_BOUNDS] = false, p->fn[K_BOUNDS] = NULL;
+    }
+    s->kernel[K_BOUNDS] = p->image_bounds;
+    return SLT_OK;
+}
+
+void api_lists_end(SltProgram *p) {
+    if (!p->has[K_BOUNDS]) p->scene.kernel[K_BOUNDS] = NULL;
+}
+
 SltStatus api_kernels_unrun(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
     return make_kernels(p, needs, NULL, NULL, false, err);
 }
@@ -626,5 +651,6 @@ void api_free_kernels(SltProgram *p) {
     memset(p->module_of, 0, sizeof p->module_of);
     memset(p->tried, 0, sizeof p->tried);
     memset(p->scene.kernel, 0, sizeof p->scene.kernel);
+    p->image_bounds = NULL;
     if (p->cull_kernels) memset(p->cull_kernels, 0, p->prog->ncull * sizeof *p->cull_kernels);
 }

@@ -33,7 +33,7 @@ bool api_lists_pay(SltProgram *p, double samples) {
         api_too_many_sites(p) || ir_has(body, OP_print) /* which comes row by row */)
         return false;
     p->list_work += samples * p->scene.work;
-    return p->has[K_BOUNDS] || p->list_work >= worth * instructions(body);
+    return p->list_work >= worth * instructions(body);
 }
 
 bool api_wants_lists(SltProgram *p, const SltJob *job) {

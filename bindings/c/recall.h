@@ -14,6 +14,7 @@ typedef struct KernelOrder {
     bool cull;                         /* and the bounds of [Cull] loops */
     bool cells;                        /* VariantOptions.cells */
     bool by_facts;                     /* their IR may be left out */
+    bool of_images;                    /* bounds, for lists: the scene learns nothing of edges */
     SltStatus status;
     SltError *err;
 } KernelOrder;

@@ -100,7 +100,9 @@ static void samples_of_pixels(void **state) {
             for (int k = 0; k < 2; k++) {
                 p[k]->list_work = k ? at_once : never;
                 if (slt_render(p[k], &job, image[k], NULL, &err) != SLT_OK) fail_msg("%s", err.text);
-                assert_int_equal(p[k]->scene.kernel[SLT_K_BOUNDS] != NULL, k);
+                assert_int_equal(p[k]->image_bounds != NULL, k);
+                assert_null(p[k]->scene.kernel[SLT_K_BOUNDS]); /* no other call sees them */
+                assert_false(p[k]->has[K_BOUNDS] || p[k]->nedges);
             }
             assert_memory_equal(image[0], image[1], (size_t)WIDTH * HEIGHT * MOST * sizeof(float));
         }
