@@ -77,7 +77,7 @@ static bool narrow(const Interior *p, Worker *w, const TileRect *t) {
     uint32_t strip = (t->n[1] + NARROW_ROWS - 1) / NARROW_ROWS, lanes = t->n[0] * p->count;
     if (strip < ROWS) strip = ROWS;
     while (strip < t->n[1] && strip * lanes < LANES) strip++;
-    NarrowParts parts = {.rows = (t->n[1] + strip - 1) / strip};
+    NarrowParts parts = {.rows = (t->n[1] + strip - 1) / strip, .samples = (uint64_t)t->n[1] * lanes};
     parts.x[0] = g->lo[0] + (t->lo[0] - grow) * g->side[0];
     parts.x[1] = g->lo[0] + (t->lo[0] + t->n[0] + grow) * g->side[0];
     for (uint32_t r = 0; r < parts.rows; r++) {

@@ -9,7 +9,8 @@
 
 enum {
     LEAST = 16, /* iterations of a tile: to ask about fewer takes as long as to run them */
-    IDLE = 15   /* tiles, after one of which more than 7/8 are kept */
+    IDLE = 15,  /* tiles, after one that did not pay */
+    BOX = 24    /* samples that an iteration on a box costs */
 };
 
 bool narrow_serves(const SltScene *s) {
@@ -68,6 +69,13 @@ static void ask(Narrowed *k, Batch *b, const NarrowParts *p) {
     b->args.note = NULL;
 }
 
+/* Of all iterations of all parts so many are kept. */
+static bool pays(const NarrowParts *p, uint64_t all, uint64_t kept) {
+    const uint64_t cost = p->rows * NARROW_COLUMNS * BOX;
+    return kept <= all / 8 * 7 &&
+           (!p->samples || (double)(all - kept) * (double)p->samples > (double)all * (double)cost);
+}
+
 bool narrow_tile(Narrowed *k, Batch *b, const NarrowParts *p) {
     const SltScene *s = b->s;
     const uint32_t parts = p->rows * NARROW_COLUMNS, all = (uint32_t)(((uint64_t)1 << parts) - 1);
@@ -98,7 +106,7 @@ bool narrow_tile(Narrowed *k, Batch *b, const NarrowParts *p) {
             }
         k->whole[i] = (SltCullList){k->items + first, (int32_t)(at - first)};
     }
-    k->idle = kept > n * parts / 8 * 7 ? IDLE : 0;
+    k->idle = pays(p, n * parts, kept) ? 0 : IDLE;
     k->rows = p->rows;
     return true;
 }

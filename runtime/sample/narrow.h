@@ -22,6 +22,7 @@ enum { NARROW_ROWS = 8, NARROW_COLUMNS = 2 };
 /* Of a tile of a plane. Both ends belong to a part; neighbours may overlap. */
 typedef struct NarrowParts {
     uint32_t rows;
+    uint64_t samples; /* that the lists are for; 0: many */
     double x[2], y[NARROW_ROWS][2];
 } NarrowParts;
 
@@ -33,7 +34,7 @@ typedef struct Narrowed {
     uint32_t *keep;             /* by item of `whole`, list behind list: bits by part */
     int32_t *items, *some;      /* likewise: the iterations; room for those of `of` */
     uint64_t cap;
-    uint32_t idle; /* tiles that will not be asked about, since of the last hardly anything could be left out */
+    uint32_t idle; /* tiles that will not be asked about, since of the last too little could be left out */
 } Narrowed;
 bool narrow_init(Narrowed *k, const SltScene *s);
 void narrow_free(Narrowed *k);
