@@ -1,6 +1,8 @@
 /* Lists of parts of a tile: listed.h. */
 #include "bindings/c/listed.h"
 
+#include <math.h>
+
 /* Compiling `bounds` takes about as long as shading so many samples takes, for each instruction of the program. */
 static const double worth = 1 << 26;
 enum { LEAST = 16 /* iterations */ };
@@ -75,6 +77,14 @@ static uint32_t cut(const PixelPart *tile, PixelPart *part) {
     return n;
 }
 
+static bool is_flat(const Batch *b, uint32_t i) {
+    for (uint32_t c = 0; c < b->s->channels; c++) {
+        const double lo = batch_get(b, SLT_OUT_F_LO, c, i);
+        if (!(lo == batch_get(b, SLT_OUT_F_HI, c, i)) || !isfinite(lo)) return false;
+    }
+    return true;
+}
+
 static void count(Listed *l, uint32_t n) {
     const SltScene *s = l->lists.s;
     for (uint32_t j = 0; j < s->nlists; j++) {
@@ -99,6 +109,8 @@ uint32_t listed_tile(Listed *l, const SltProgram *p, const SltJob *job, const Pi
             batch_set(b, SLT_IN_H0 + d, i, api_middle(p, job, d, most));
         }
     batch_call(b, SLT_K_BOUNDS, n);
+    l->flat = 0;
+    for (uint32_t i = 0; i < n; i++) l->flat |= (uint32_t)is_flat(b, i) << i;
     if (!lists_split(&l->lists, b, n, UINT64_MAX)) return 0;
     for (uint32_t i = 0; i < n; i++) l->of[i] = lists_of(&l->lists, i);
     count(l, n);

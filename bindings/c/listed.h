@@ -24,6 +24,7 @@ typedef struct Listed {
     Batch batch;
     Lists lists;
     ListsAt of[LISTED_PARTS];
+    uint32_t flat;      /* bit i: f is one number, of each channel, all over part i */
     uint64_t all, kept; /* iterations of all parts so far: of loops, in lists */
 } Listed;
 

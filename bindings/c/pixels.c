@@ -31,7 +31,8 @@ typedef struct PixelWorker {
     int32_t *row;
     uint32_t out[CALL + SLT_PAD] __attribute__((aligned(64)));
     SltKernelArgs args;
-    Listed *listed; /* NULL: there are no lists */
+    Listed *listed;              /* NULL: there are no lists */
+    uint32_t word[LISTED_PARTS]; /* of parts of a tile that are flat: all their pixels */
 } PixelWorker;
 
 typedef struct Pixels {
@@ -141,6 +142,19 @@ static void run_squares(const Pixels *q, PixelWorker *w, uint32_t row, uint32_t 
     }
 }
 
+/* The same of a part that is flat: the first square tells. */
+static void fill_squares(const Pixels *q, PixelWorker *w, uint32_t row, const PixelPart *part, uint32_t i) {
+    const uint32_t width = q->job->size[0], column = part->first[0];
+    if (row == part->first[1]) {
+        call(q, w, &q->in_squares, (size_t)column * SIDE, SIDE * SIDE, w->out);
+        w->word[i] = w->out[0];
+    }
+    for (uint32_t r = row; r < row + SIDE; r++) {
+        uint32_t *to = q->out + (size_t)r * width + column;
+        for (uint32_t c = 0; c < part->n[0]; c++) to[c] = w->word[i];
+    }
+}
+
 static void run_row(const Pixels *q, PixelWorker *w, uint32_t row, uint32_t column, uint32_t beyond) {
     uint32_t *out = q->out + (size_t)row * q->job->size[0];
     for (uint32_t first = column; first < beyond; first += CALL_ROW) {
@@ -161,7 +175,8 @@ static void run_rows(const Pixels *q, PixelWorker *w, uint32_t row, uint32_t row
         place_rows(q, w, r, step, part->n[0]);
         for (uint32_t i = 0; i < n; i++) {
             if (q->listed) w->args.cull = listed_part(w->listed, first + i);
-            (squares ? run_squares : run_row)(q, w, r, part[i].first[0], part[i].first[0] + part[i].n[0]);
+            if (squares && q->listed && w->listed->flat >> (first + i) & 1) fill_squares(q, w, r, &part[i], first + i);
+            else (squares ? run_squares : run_row)(q, w, r, part[i].first[0], part[i].first[0] + part[i].n[0]);
         }
     }
 }
