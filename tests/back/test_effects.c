@@ -466,6 +466,7 @@ static void test_choose_width(void **state) {
     for (int i = 0; i < 2200; i++) sum = ir_emit2(&b, OP_fadd, sum, v[i]);
     ir_yield(&b, 1, &sum);
     KernelRequest many = {"kernel", fn}, two[2] = {few, few}, loop = {"kernel", waits(s)};
+    KernelRequest image = {"kernel", ir_clone(few.fn, &s->module, "value")};
     BackOptions o = {0};
     for (int i = 0; i < 3; i++) {
         assert_true(target_named(&o.target, targets[i].name));
@@ -473,6 +474,8 @@ static void test_choose_width(void **state) {
         assert_int_equal(back_choose_width(&many, 0, &o), targets[i].lanes);
         assert_int_equal(back_choose_width(&loop, 0, &o), 4 * targets[i].lanes);
         assert_int_equal(back_width_choice(&few, 0, &o).why, WIDTH_STRAIGHT);
+        assert_int_equal(back_choose_width(&image, 0, &o), 4 * targets[i].lanes);
+        assert_int_equal(back_width_choice(&image, 0, &o).why, WIDTH_IMAGE);
         WidthChoice c = back_width_choice(&many, 0, &o);
         assert_true(c.why == WIDTH_MOST_CODE && c.vectors == 1 && c.found > 4400 && c.limit == 4096);
         c = back_width_choice(&loop, 0, &o); /* it keeps the product, and x where registers are many */

@@ -1,11 +1,14 @@
-/* Forward shading: seven kernels in Saltus against the same kernels in scalar C, interleaved in one run, on one thread.
+/* Forward shading: kernels in Saltus against the same kernels in scalar C, interleaved in one run, on one thread.
  *
- *     bench_shade FOLDER_OF_SALT_FILES scalar.so:suffix [more.so:suffix ...] [@TARGET[/LANES] ...]
+ *     bench_shade FOLDER scalar.so:suffix [more.so:suffix ...] [@TARGET[/LANES] ...] [=NAME ...]
  *
- * The C libraries export NAME_suffix(uint32_t *out, int w, int h, const float *d). @avx2, @native/16 and so on are ways
- * to compile ours, side by side; without one it is @native. Prints Mpixel/s, the ratio to the first library (median
- * over rounds of the ratio in each round), the share of pixels that differ by more than 2/255, and the geometric means.
+ * FOLDER holds shade_NAME.salt, and the C libraries export NAME_suffix(uint32_t *out, int w, int h, const float *d).
+ * @avx2, @native/16 and so on are ways to compile ours, side by side; without one it is @native. =NAME runs that kernel
+ * alone. Prints Mpixel/s, the ratio to the first library (median over rounds of the ratio in each round), the share of
+ * pixels that differ by more than 2/255, and the geometric means. d of the kernels named below is made here; of others
+ * it is what the parameters of the Saltus program are.
  */
+#include <dirent.h>
 #include <dlfcn.h>
 #include <math.h>
 #include <stdio.h>
@@ -16,8 +19,10 @@
 #include "saltus/saltus.h"
 
 typedef void Kernel(uint32_t *, int, int, const float *);
-static const char *const names[] = {"circle", "voronoi", "painterly", "fbm", "raymarch", "mlp", "mandel"};
-enum { NK = 7, SIZE = 1024, ROUNDS = 9, MAX_LIBS = 16 };
+enum { MADE = 7, MAX_KERNELS = 64, SIZE = 1024, ROUNDS = 9, MAX_LIBS = 16, MAX_FLOATS = 8192 };
+static const char *const made[MADE] = {"circle", "voronoi", "painterly", "fbm", "raymarch", "mlp", "mandel"};
+static char names[MAX_KERNELS][64];
+static int kernels;
 
 static uint32_t rng;
 static float rnd(void) {
@@ -25,11 +30,52 @@ static float rnd(void) {
     return (float)(rng >> 8) * (1.0f / 16777216.0f);
 }
 
+/* The number of a kernel whose data is made here, or MADE. */
+static int made_index(const char *name) {
+    int k = 0;
+    while (k < MADE && strcmp(made[k], name) != 0) k++;
+    return k;
+}
+
+static int by_name(const void *a, const void *b) {
+    const char *x = a, *y = b;
+    int i = made_index(x), j = made_index(y);
+    return i != j ? i - j : strcmp(x, y);
+}
+
+/* Those of shade_NAME.salt in the folder: first those made here, in their order, then the others by name. */
+static void find_kernels(const char *folder, char **only, int n) {
+    DIR *dir = opendir(folder);
+    if (!dir) fprintf(stderr, "cannot read %s\n", folder), exit(1);
+    for (const struct dirent *e; kernels < MAX_KERNELS && (e = readdir(dir));) {
+        char name[64], rest[8] = "";
+        if (sscanf(e->d_name, "shade_%63[^.].%7s", name, rest) != 2 || strcmp(rest, "salt") != 0) continue;
+        bool wanted = n == 0;
+        for (int i = 0; i < n; i++) wanted |= strcmp(only[i] + 1, name) == 0;
+        if (wanted) memcpy(names[kernels++], name, sizeof name);
+    }
+    closedir(dir);
+    qsort(names, (size_t)kernels, sizeof names[0], by_name);
+}
+
 /* The same data for every implementation. Returns how many floats. */
-static int make_data(int k, float *d) {
+static int make_data(const char *folder, const char *name, float *d) {
+    int k = made_index(name);
     rng = 12345u + (uint32_t)k * 777u;
-    memset(d, 0, 8192 * sizeof *d);
+    memset(d, 0, MAX_FLOATS * sizeof *d);
     switch (k) {
+    case MADE: {
+        char file[1024];
+        snprintf(file, sizeof file, "%.900s/shade_%.60s.salt", folder, name);
+        SltProgram *p;
+        if (slt_compile_file(file, NULL, &p) != SLT_OK)
+            fprintf(stderr, "%s: %s\n%s", file, slt_last_error(p), slt_diagnostics_text(p)), exit(1);
+        uint32_t n = slt_float_count(p);
+        if (n > MAX_FLOATS) fprintf(stderr, "%s: too many parameters\n", file), exit(1);
+        for (uint32_t i = 0; i < n; i++) d[i] = (float)slt_floats(p)[i];
+        slt_program_free(p);
+        return (int)n;
+    }
     case 0: d[0] = 0.5f, d[1] = 0.45f, d[2] = 0.3f, d[3] = 40.0f; return 4;
     case 1:
         for (int i = 0; i < 64; i++)
@@ -132,43 +178,52 @@ static bool read_way(char *text, Way *w) {
     return true;
 }
 
-static bool make_runner(const Way *w, const char *folder, int k, const float *d, uint32_t n, uint32_t *out, Runner *r) {
+static bool make_runner(const Way *w, const char *folder, const char *name, const float *d, uint32_t n, uint32_t *out,
+                        Runner *r) {
     *r = (Runner){.d = d, .out = out, .times = 1};
     char text[1024];
     if (w->lib) {
-        snprintf(text, sizeof text, "%s_%.60s", names[k], w->name);
+        snprintf(text, sizeof text, "%.60s_%.60s", name, w->name);
         r->c = (Kernel *)dlsym(w->lib, text);
         return r->c || (fprintf(stderr, "no %s\n", text), false);
     }
-    snprintf(text, sizeof text, "%s/shade_%s.salt", folder, names[k]);
+    snprintf(text, sizeof text, "%.900s/shade_%.60s.salt", folder, name);
     SltOptions o = SLT_OPTIONS_INIT;
     o.rgba8 = true, o.width = w->lanes, o.target = w->target;
     if (slt_compile_file(text, &o, &r->p) != SLT_OK)
         return fprintf(stderr, "%s: %s\n%s", text, slt_last_error(r->p), slt_diagnostics_text(r->p)), false;
-    static double wide[8192];
+    static double wide[MAX_FLOATS];
     for (uint32_t i = 0; i < n; i++) wide[i] = (double)d[i];
     return slt_set_floats(r->p, 0, n, wide, NULL) == SLT_OK;
 }
 
 int main(int argc, char **argv) {
-    if (argc < 3) return fprintf(stderr, "usage: bench_shade FOLDER LIB.so:SUFFIX ... [@TARGET[/LANES] ...]\n"), 2;
+    if (argc < 3)
+        return fprintf(stderr, "usage: bench_shade FOLDER LIB.so:SUFFIX ... [@TARGET[/LANES] ...] [=NAME ...]\n"), 2;
     static Way way[MAX_LIBS];
     uint32_t *out[MAX_LIBS];
     int n = 0;
     bool ours = false;
-    for (int i = 2; i < argc && n < MAX_LIBS - 1; i++, n++) {
+    char *only[MAX_KERNELS];
+    int wanted = 0;
+    for (int i = 2; i < argc && n < MAX_LIBS - 1; i++) {
+        if (argv[i][0] == '=') {
+            if (wanted < MAX_KERNELS) only[wanted++] = argv[i];
+            continue;
+        }
         if (!read_way(argv[i], &way[n])) return 2;
-        ours |= !way[n].lib;
+        ours |= !way[n++].lib;
     }
     if (!ours) read_way((char[]){"@native"}, &way[n++]);
     for (int j = 0; j < n; j++)
         if (!(out[j] = aligned_alloc(64, 4ul * SIZE * SIZE))) return fprintf(stderr, "out of memory\n"), 1;
-    static float d[8192];
-    for (int k = 0; k < NK; k++) {
-        int floats = make_data(k, d);
+    find_kernels(argv[1], only, wanted);
+    static float d[MAX_FLOATS];
+    for (int k = 0; k < kernels; k++) {
+        int floats = make_data(argv[1], names[k], d);
         static Runner r[MAX_LIBS];
         for (int j = 0; j < n; j++)
-            if (!make_runner(&way[j], argv[1], k, d, (uint32_t)floats, out[j], &r[j])) return 1;
+            if (!make_runner(&way[j], argv[1], names[k], d, (uint32_t)floats, out[j], &r[j])) return 1;
         for (int j = 0; j < n; j++) {
             for (int warm = 0; warm < 3; warm++) run(&r[j]); /* what pays only for several images is compiled by then */
             double t = run(&r[j]);
@@ -189,6 +244,6 @@ int main(int argc, char **argv) {
         }
         fflush(stdout);
     }
-    for (int j = 1; j < n; j++) printf("geometric mean of %s: x%.2f\n", way[j].name, exp(way[j].log_sum / NK));
+    for (int j = 1; j < n; j++) printf("geometric mean of %s: x%.2f\n", way[j].name, exp(way[j].log_sum / kernels));
     return 0;
 }

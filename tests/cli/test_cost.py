@@ -159,14 +159,15 @@ class Cost(Case):
             "".join("    float s%d = x.y + %d.0;\n" % (i, i) for i in range(9)), "".join("        s%d = s%d * s%d + x.x;\n" % (i, i, (i + 1) % 9) for i in range(9)), " + ".join("s%d" % i for i in range(9)))
         waiting = loop.replace("s = s * x.x + 0.5;", "if (s + x.x < float(k)) { s = s * s / x.x + x.y; if (s > 9.0) break; }")  # lanes that do not, wait
         leaving = loop.replace("s = s * x.x + 0.5;", "{ if (s + x.x < float(k)) s = s * s / x.x + x.y; if (s > 9.0) break; s = s * s + x.x; }")
-        for text, options, lanes, reason in ((loop, [], 64, "short_loop"), (waiting, [], 32, "many_masks"), (leaving, [], 64, "short_loop"), (kept, [], 32, "much_kept"), (products(20), [], 32, "no_loop"), (products(200), [], 32, "much_code"),
+        for text, options, lanes, reason in ((loop, [], 64, "short_loop"), (waiting, [], 32, "many_masks"), (leaving, [], 64, "short_loop"), (kept, [], 32, "much_kept"), (products(20), [], 64, "image"), (products(200), [], 32, "much_code"),
                                              (products(1200), [], 16, "most_code"), (loop, ["--width", 8], 8, "given"), (products(1200), ["--width", 8], 8, "given")):
             with self.subTest(reason):
                 k = self.cost(text, "--target-cpu", "avx512", *options)["kernels"]["value"]
                 self.assertEqual((k["lanes"], k["width_reason"]), (lanes, reason))
                 self.assertEqual(k["vectors"], max(1, lanes // 16))
-        k = self.cost(EDGE, "--target-cpu", "avx512")["kernels"]["event"]
-        self.assertEqual((k["lanes"], k["width_reason"]), (32, "neighbours"))
+        kernels = self.cost(EDGE, "--target-cpu", "avx512")["kernels"]
+        for kernel, reason in (("event", "neighbours"), ("site", "no_loop")):
+            self.assertEqual((kernels[kernel]["lanes"], kernels[kernel]["width_reason"]), (32, reason))
         self.assertIn("event: 32 lanes, 2 vectors of 16: it compares neighbouring samples", self.run_cli("explain", "c.salt", "--cost", "--target-cpu", "avx512").out)
 
     def test_few_samples(self):
