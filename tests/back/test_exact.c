@@ -205,12 +205,93 @@ static void guarded_products(void **state) {
         }
 }
 
+/* ---- quotients by constants, as two products */
+enum { DIVISORS = 10 };
+static const double divisors[DIVISORS] = {3, -0.04, 10, 255, 1e-5, 6.2831853, 0.7, 1.7320508, 12345.678, 0x1.fffffep9};
+
+/* Of whole numbers and of roots, by each; the seventh and the eighth are not to be had by products. */
+static Fn *by_constants(Session *s, bool roots) {
+    Fn *fn = ir_fn(s, &s->module, "quotients", PREC_F32);
+    Builder b = ir_at_end(fn, fn->body);
+    Inst *x = ir_input(&b, IN_X0), *out[DIVISORS];
+    x = roots ? ir_emit1(&b, OP_fsqrt, x) : ir_emit1(&b, OP_i2f, ir_emit1(&b, OP_f2i, x));
+    for (uint32_t k = 0; k < DIVISORS; k++)
+        out[k] = ir_emit2(&b, OP_fdiv, x, ir_constf(&b, (double)(float)divisors[k]));
+    ir_yield(&b, DIVISORS, out);
+    return fn;
+}
+
+static uint64_t wrong_quotients(CompiledModule *m, const float *x, bool roots) {
+    _Alignas(64) static float out[DIVISORS][LANES + PAD];
+    SltKernelArgs a = {.in = {[IN_X0] = x}, .n_valid = LANES};
+    for (uint32_t k = 0; k < DIVISORS; k++) a.out[k] = out[k];
+    back_kernel(m, "kernel")(&a, LANES);
+    uint64_t wrong = 0;
+    for (uint32_t i = 0; i < LANES; i++) {
+        const float v = roots ? __builtin_sqrtf(x[i]) : x[i];
+        for (uint32_t k = 0; k < DIVISORS; k++) {
+            const float q = v / (float)divisors[k];
+            wrong += isnan(q) ? !isnan(out[k][i]) : bits_of(out[k][i]) != bits_of(q);
+        }
+    }
+    return wrong;
+}
+
+/* All 24 bits that a float may have, of both signs; and roots of the least, of the largest and of what is no number. */
+static void quotients_of_kernels(void **state) {
+    (void)state;
+    _Alignas(64) static float x[LANES + PAD];
+    static const char *const targets[2] = {"avx512", "avx2"};
+    for (int t = 0; t < 2; t++) {
+        if (!host_runs(targets[t])) continue;
+        Session *s = session_create(0);
+        BackOptions o = {.width = 32, .no_cache = true, .opt_level = 2};
+        assert_true(target_named(&o.target, targets[t]));
+        CompiledModule *m = compile(s, by_constants(s, false), &o), *r = compile(s, by_constants(s, true), &o);
+        for (uint32_t first = 1u << 23; first < 1u << 24; first += LANES) {
+            for (uint32_t i = 0; i < LANES; i++) x[i] = (float)(first + i) * (i % 3 ? 1 : -1);
+            assert_int_equal(wrong_quotients(m, x, false), 0);
+        }
+        for (uint32_t high = 0; high < 1u << 16; high += 251) {
+            for (uint32_t i = 0; i < LANES; i++) x[i] = float_of(high << 16 | i);
+            assert_int_equal(wrong_quotients(r, x, true), 0);
+        }
+        x[0] = 0, x[1] = -0.0f, x[2] = INFINITY, x[3] = NAN, x[4] = FLT_MIN, x[5] = float_of(1), x[6] = FLT_MAX;
+        assert_int_equal(wrong_quotients(r, x, true), 0);
+        session_destroy(s);
+    }
+}
+
+/* No division is left but those by 0.7 and the root of 3; all where a numerator may be as small as floats are. */
+static void constants_by_products(void **state) {
+    (void)state;
+    Session *s = session_create(0);
+    for (int known = 0; known < 2; known++) {
+        BackOptions o = {.width = 16, .no_cache = true, .opt_level = 2};
+        assert_true(target_named(&o.target, "avx512"));
+        Fn *fn = by_constants(s, false);
+        if (!known)
+            for (Inst *i = fn->body->first; i; i = i->next)
+                if (i->op == OP_fdiv) i->args[0] = fn->body->first;
+        KernelRequest k = {"kernel", fn};
+        unsigned char *bytes = NULL;
+        size_t size = 0;
+        const char *why = "";
+        assert_int_equal(back_emit(s, &k, 1, &o, 's', &bytes, &size, &why), 0);
+        char *text = calloc(size + 1, 1);
+        assert_non_null(text);
+        memcpy(text, bytes, size);
+        assert_int_equal(count_in(text, "vdivps"), known ? 2 : DIVISORS);
+        free(text), free(bytes);
+    }
+    session_destroy(s);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(every_root_of_two_binades),
-        cmocka_unit_test(some_roots_by_steps),
-        cmocka_unit_test(roots_of_kernels),
-        cmocka_unit_test(guarded_products),
+        cmocka_unit_test(every_root_of_two_binades), cmocka_unit_test(some_roots_by_steps),
+        cmocka_unit_test(roots_of_kernels),          cmocka_unit_test(guarded_products),
+        cmocka_unit_test(quotients_of_kernels),      cmocka_unit_test(constants_by_products),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -111,6 +111,10 @@ void emit_value_run(Emit *e, Inst *const *run, uint32_t n); /* varying values, n
 void emit_choose_roots(Emit *e, const Block *body); /* of a loop: which of them, into by_steps */
 Part emit_root_by_steps(Emit *e, Part v);           /* one part, of 64 bytes; every bit is that of the root */
 
+/* ---- emit_quotient.c: quotients by constants, as two products; every bit is that of the quotient */
+bool emit_divides_by_products(const Emit *e, const Inst *i, float inverse[2]);
+Part emit_quotient_by_products(Emit *e, Part a, const float inverse[2]);
+
 /* ---- emit_memory.c: sizes, addresses and lanes for the files below, and which of them emits an operation */
 void emit_memory_op(Emit *e, Inst *i);
 unsigned emit_part_align(const Emit *e, unsigned element); /* of one part whose elements have so many bytes; <= 64 */

@@ -31,7 +31,9 @@ static void add_work(const Emit *e, const Block *b, Work *w) {
         for (uint32_t r = 0; r < i->nregions; r++) add_work(e, i->region[r], w);
         if (i->op == OP_loop || i->op == OP_revloop) w->loops = true;
         if (!emit_is_vector(e, i)) continue;
+        float inverse[2];
         if (i->op == OP_fsqrt) w->roots++;
+        else if (emit_divides_by_products(e, i, inverse)) w->instructions += 2;
         else if (i->op == OP_fdiv || i->op == OP_zdiv) w->quotients++;
         else w->instructions += ir_ops[i->op].cost;
     }

@@ -143,9 +143,11 @@ static Part float_to_int(Emit *e, Part a, bool is_signed) {
     Part fast =
         emit_converted(e, a, is_signed ? fcmp(e, LLVMRealORD, a, a) : fcmp(e, LLVMRealOGE, a, kf(e, a, 0)), is_signed);
     if (fast && !is_signed) return fast;
-    if (fast) /* 2^31 - 1 where 2^31 does not fit: one less */
-        return LL(BuildAdd)(e->b, fast, LL(BuildSExt)(e->b, fcmp(e, LLVMRealOGE, a, kf(e, a, 2147483648.0)), i, ""),
-                            "");
+    if (fast) { /* 2^31 - 1 where 2^31 does not fit: one less */
+        const Part above = fcmp(e, LLVMRealOGE, a, kf(e, a, 2147483648.0)), less = ki(e, fast, UINT32_MAX);
+        if (e->opt->target.vector_bytes < 64) return LL(BuildAdd)(e->b, fast, LL(BuildSExt)(e->b, above, i, ""), "");
+        return sel(e, above, LL(BuildAdd)(e->b, fast, less, ""), fast); /* an addition under a mask */
+    }
     Part top = kf(e, a, is_signed ? 2147483648.0 : 4294967296.0), bottom = kf(e, a, is_signed ? -2147483648.0 : 0);
     Part low = fcmp(e, LLVMRealOGE, a, bottom), high = fcmp(e, LLVMRealOLT, a, top);
     Part safe = sel(e, LL(BuildAnd)(e->b, low, high, ""), a, kf(e, a, 0));
@@ -238,6 +240,8 @@ static Part emit_row(Emit *e, const Inst *i, Part *x) {
 /* One part of a value row, by the table's lowering column. */
 static Part value_part(Emit *e, const Inst *i, Part *x) {
     if (e->by_steps && e->by_steps[i->id]) return emit_root_by_steps(e, x[0]);
+    float inverse[2];
+    if (emit_divides_by_products(e, i, inverse)) return emit_quotient_by_products(e, x[0], inverse);
     switch ((Op)i->op) {
 #define U_BIN(name) LL(Build##name)(e->b, x[0], "")
 #define B_BIN(name) LL(Build##name)(e->b, x[0], x[1], "")
