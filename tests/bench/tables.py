@@ -5,6 +5,7 @@
 
 forward   shade_*.salt at 1024 x 1024 as 8-bit pixels, beside scalar C of $SALTUS_BENCH/shade/kernels.c: every instruction
           set and width that this machine has, interleaved (bench-shade). Mpixel/s and times scalar C.
+second    the same of unseen/shade_*.salt and unseen/kernels.c; `poly` is that C with polynomials in place of libm.
 reverse   ad_k*.salt, kernels alone: nanoseconds a sample of f, and of f with all its derivatives; beside the same
           programs in 16-wide C of $SALTUS_BENCH/ad/primal.c, whose derivatives by the best layout for Enzyme cost as
           many times the primal as stated there (ENZYME below): `gain` is that over ours.
@@ -52,19 +53,28 @@ def interleaved(rounds, ways):
     return [statistics.median(t) for t in times], ratio
 
 
-def scalar_library(folder):
-    source = pathlib.Path(os.environ["SALTUS_BENCH"]) / "shade" / "kernels.c"
-    out = pathlib.Path(folder) / "scalar.so"
-    run("clang-19", "-O3", "-fno-vectorize", "-fno-slp-vectorize", "-DSUF=scalar", "-shared", "-fPIC", "-std=gnu11",
-        "-march=native", source, "-o", out, "-lm")
-    return f"{out}:scalar"
+def scalar_library(folder, source, suffix="scalar", *more):
+    out = pathlib.Path(folder) / f"{suffix}.so"
+    run("clang-19", "-O3", "-fno-vectorize", "-fno-slp-vectorize", f"-DSUF={suffix}", *more, "-shared", "-fPIC",
+        "-std=gnu11", "-march=native", source, "-o", out, "-lm")
+    return f"{out}:{suffix}"
 
 
 def forward(args, folder):
+    source = pathlib.Path(os.environ["SALTUS_BENCH"]) / "shade" / "kernels.c"
+    return shading(args, HERE, scalar_library(folder, source))
+
+
+def second(args, folder):
+    source = HERE / "unseen" / "kernels.c"
+    return shading(args, source.parent, scalar_library(folder, source), scalar_library(folder, source, "poly", "-DPOLY"))
+
+
+def shading(args, kernels, *libraries):
     flags = pathlib.Path("/proc/cpuinfo").read_text()
     ways = [w for w, flag in (("@native", ""), ("@avx512/16", "avx512f"), ("@avx512/32", "avx512f"),
                               ("@avx512/64", "avx512f"), ("@avx2", "avx2"), ("@sse2", "")) if flag in flags]
-    out = run(args.build / "tests/bench-shade", HERE, scalar_library(folder), *ways)
+    out = run(args.build / "tests/bench-shade", kernels, *libraries, *ways)
     rows, best = {}, {}
     for line in out.splitlines():
         words = line.split()
@@ -146,7 +156,8 @@ def images(args, folder):
     return {"unit": "ms", "rows": rows}
 
 
-TABLES = {"forward": (forward, True, ["bench-shade"]), "reverse": (reverse, False, []),
+TABLES = {"forward": (forward, True, ["bench-shade"]), "second": (second, False, ["bench-shade"]),
+          "reverse": (reverse, False, []),
           "samples": (told("ns a sample", bench("bench-samples")), False, ["bench-samples"]), "images": (images, False, []),
           "fits": (told("an iteration", script("many_discs.py", "200", "2000", "20000", "--threads", "1")), False, []),
           "starts": (told("ms a process", script("start.py", "--rounds", "5")), False, []),
