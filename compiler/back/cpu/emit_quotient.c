@@ -21,53 +21,49 @@ enum { BITS = 24, LEAST = -149 }; /* of a float: its bits; all are multiples of 
 
 /* ---- how small may a value be that is not 0? */
 static int lowest_bit(double v) {
+    if (!isfinite(v) || v == 0) return LEAST;
     int exponent;
     const double m = frexp(fabs(v), &exponent);
-    uint64_t whole = (uint64_t)ldexp(m, 53);
-    if (!whole || !isfinite(v)) return LEAST;
-    return exponent - 53 + __builtin_ctzll(whole);
+    return exponent - 53 + __builtin_ctzll((uint64_t)ldexp(m, 53));
 }
 
-static int at_least(int g) { return g < LEAST ? LEAST : g; }
+static int least(int a, int b) { return a < b ? a : b; }
+static int most(int a, int b) { return a > b ? a : b; }
+
+/* Of a sum with c: what hardly matters beside c leaves its half at least, and what does matter has no bits more than
+ * `bits` below c's first. */
+static int beside(const Inst *c, int bits) {
+    return c->op == OP_constf && c->imm.f != 0 && isfinite(c->imm.f) ? ilogb(c->imm.f) - bits : LEAST;
+}
 
 /* A g such that every finite value of v is a multiple of 2^g. */
 static int grid(const Inst *v, uint32_t depth) {
     enum { DEPTH = 5 };
-    if (v->op == OP_constf) return v->imm.f == 0 ? 0 : at_least(lowest_bit(v->imm.f));
+    if (v->op == OP_constf) return v->imm.f == 0 ? 0 : most(lowest_bit(v->imm.f), LEAST);
     if (depth == DEPTH) return LEAST;
     int a[3] = {LEAST, LEAST, LEAST};
     for (uint32_t j = 0; j < v->nargs && j < 3; j++)
         if (v->args[j]->type == TY_FLT) a[j] = grid(v->args[j], depth + 1);
-    /* c plus what hardly matters beside it is c's half at least; what does matter has bits not far below c's. */
-    int beside = LEAST;
-    const uint32_t last = v->op == OP_ffma ? 2 : 1;
-    for (uint32_t j = v->op == OP_ffma ? 2 : 0; (v->op == OP_fadd || v->op == OP_fsub || v->op == OP_ffma) && j <= last;
-         j++) {
-        const Inst *c = v->args[j];
-        if (c->op == OP_constf && c->imm.f != 0 && isfinite(c->imm.f))
-            beside = at_least(ilogb(c->imm.f) - (int)last * 26);
-    }
-    int g = LEAST;
+    const int product = most(a[0] + a[1], LEAST);
     switch ((Op)v->op) {
     case OP_fadd:
-    case OP_fsub: g = a[0] < a[1] ? a[0] : a[1]; break;
-    case OP_ffma: g = at_least(a[0] + a[1]) < a[2] ? at_least(a[0] + a[1]) : a[2]; break;
-    case OP_fmul: g = at_least(a[0] + a[1]); break;
+    case OP_fsub: return most(least(a[0], a[1]), most(beside(v->args[0], BITS + 1), beside(v->args[1], BITS + 1)));
+    case OP_ffma: return most(least(product, a[2]), most(beside(v->args[2], 2 * BITS + 2), LEAST));
+    case OP_fmul: return product;
     case OP_fmin:
-    case OP_fmax: g = a[0] < a[1] ? a[0] : a[1]; break;
-    case OP_fsel: g = a[1] < a[2] ? a[1] : a[2]; break;
+    case OP_fmax: return least(a[0], a[1]);
+    case OP_fsel: return least(a[1], a[2]);
     case OP_fneg:
-    case OP_fabs: g = a[0]; break;
-    case OP_fsqrt: g = (a[0] - 1) / 2 - BITS; break; /* at least the root of 2^a[0] */
+    case OP_fabs: return a[0];
+    case OP_fsqrt: return (a[0] - 1) / 2 - BITS; /* at least the root of 2^a[0] */
     case OP_ffloor:
     case OP_fceil:
     case OP_fround:
     case OP_ftrunc:
     case OP_i2f:
-    case OP_u2f: g = 0; break;
-    default: break;
+    case OP_u2f: return 0;
+    default: return LEAST;
     }
-    return g > beside ? g : beside;
 }
 
 /* ---- is it the quotient? */
