@@ -130,6 +130,14 @@ Part emit_any(Emit *e, const Part *mask) {
     return LL(BuildICmp)(e->b, LLVMIntNE, LL(BuildBitCast)(e->b, all, bits, ""), LL(ConstNull)(bits), "any");
 }
 
+const uint32_t *emit_uses(Emit *e) {
+    if (!e->uses) {
+        e->uses = ARENA_ARRAY(e->arena, uint32_t, e->fn->ninsts + 1);
+        ir_count_uses(e->fn->body, e->uses);
+    }
+    return e->uses;
+}
+
 void emit_and_mask(Emit *e, const Part *m, Part *out) {
     for (uint32_t p = 0; p < e->P; p++) out[p] = e->mask ? LL(BuildAnd)(e->b, m[p], e->mask[p], "") : m[p];
 }
@@ -297,7 +305,7 @@ static void hoist_uniform(Emit *e) {
 /* ---- blocks */
 /* LLVM's scheduling is worse than linear in the length of a block, so long ones are cut by a branch that is never
  * taken, on a condition that no pass can decide. */
-enum { LONG_BLOCK = 300, RUN = 64 };
+enum { LONG_BLOCK = 300, RUN = 64, LONG_RUN = 160 /* with lookups */ };
 
 static bool is_long(const Emit *e) { return e->since_split * e->P >= LONG_BLOCK; }
 
@@ -316,8 +324,8 @@ void emit_block(Emit *e, Block *b) { emit_range(e, b->first, NULL); }
 
 /* Varying values one after the other, with nothing between them that must wait for them. */
 typedef struct Run {
-    Inst *at[RUN];
-    uint32_t n;
+    Inst *at[LONG_RUN];
+    uint32_t n, most;
 } Run;
 
 static void end_run(Emit *e, Run *r) {
@@ -331,6 +339,25 @@ static bool passes_run(const Emit *e, const Inst *i) {
     return !emit_is_vector(e, i) && (!ir_ops[i->op].special || is_read(i));
 }
 
+static bool joins_run(const Emit *e, const Inst *i) {
+    return !ir_ops[i->op].special && emit_is_vector(e, i) && (i->op != OP_band || i->args[1]->op != OP_both);
+}
+
+/* The run that begins here is one, however long, if anything in it is looked up. */
+static uint32_t longest_run(Emit *e, Inst *from, const Inst *end) {
+    Run run;
+    run.n = 0;
+    for (Inst *i = from; i != end; i = i->next) {
+        if (joins_run(e, i)) {
+            if (run.n == LONG_RUN) return RUN;
+            if (!emit_slot(e, i)[0]) run.at[run.n++] = i;
+        } else if (!passes_run(e, i)) {
+            break;
+        }
+    }
+    return emit_looks_up(e, run.at, run.n) ? LONG_RUN : RUN;
+}
+
 static void emit_special(Emit *e, Inst *i);
 
 void emit_range(Emit *e, Inst *from, const Inst *end) {
@@ -338,7 +365,7 @@ void emit_range(Emit *e, Inst *from, const Inst *end) {
     run.n = 0;
     e->runs.root = NULL; /* the code may be emitted twice */
     for (Inst *i = from; i != end && !e->error; i = i->next) {
-        bool joins = !ir_ops[i->op].special && emit_is_vector(e, i) && (i->op != OP_band || i->args[1]->op != OP_both);
+        bool joins = joins_run(e, i);
         if (!joins && !passes_run(e, i)) end_run(e, &run);
         if (i->op == OP_if_ && i->args[0]->op == OP_live) {
             i = emit_chunks(e, i);
@@ -349,9 +376,11 @@ void emit_range(Emit *e, Inst *from, const Inst *end) {
             continue;
         }
         if (emit_slot(e, i)[0]) continue;
+        if (joins && !run.n) run.most = longest_run(e, i, end);
         if (joins) run.at[run.n++] = i;
         else if (i->op != OP_band || !emit_pairs_apart(e, i)) emit_value_op(e, i);
         e->since_split++;
+        if (run.n && run.most == LONG_RUN && run.n < LONG_RUN) continue;
         if (run.n == RUN || is_long(e)) end_run(e, &run);
         split_long_block(e);
     }

@@ -91,6 +91,7 @@ LLVMBasicBlockRef emit_here(Emit *e);
 Part emit_phi(Emit *e, LLVMTypeRef t, const char *name);
 void emit_incoming(Emit *e, Part phi, Part v, LLVMBasicBlockRef from);
 Part emit_any(Emit *e, const Part *mask); /* i1: some lane is on */
+const uint32_t *emit_uses(Emit *e);       /* how often each value is read, by id */
 /* mask & m for the current mask; the result may be m itself. */
 void emit_and_mask(Emit *e, const Part *m, Part *out);
 void emit_block(Emit *e, Block *b); /* instructions of a block without its yield */
@@ -106,6 +107,18 @@ void emit_value_op(Emit *e, Inst *i);
 bool emit_converts(const Emit *e);
 Part emit_converted(Emit *e, Part a, Part keep, bool is_signed);
 void emit_value_run(Emit *e, Inst *const *run, uint32_t n); /* varying values, none of which is emitted yet */
+/* A run that is being emitted: the operands that all lanes share are there. */
+typedef struct EmitRun {
+    Inst *const *at;
+    uint32_t n;
+    Part (*same)[3];    /* operands that all parts share */
+    const Inst **first; /* operand 0, where it is another's */
+} EmitRun;
+void emit_run_part(Emit *e, const EmitRun *run, uint32_t k, uint32_t p); /* value k, part p, behind those it reads */
+
+/* ---- emit_lookup.c: what hangs on an integer that hardly differs between lanes, looked up */
+bool emit_looks_up(Emit *e, Inst *const *run, uint32_t n); /* is anything in it? */
+bool emit_lookup(Emit *e, const EmitRun *run);             /* false: nothing is, and the run is not emitted */
 
 /* ---- emit_newton.c: roots by Newton's steps, where the divider would be waited for */
 void emit_choose_roots(Emit *e, const Block *body); /* of a loop: which of them, into by_steps */

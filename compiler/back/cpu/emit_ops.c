@@ -310,33 +310,39 @@ static Part part_of(Emit *e, const Inst *i, uint32_t p) {
     return emit_is_vector(e, i) ? emit_slot(e, i)[p] : emit_splat(e, emit_scalar(e, i));
 }
 
+void emit_run_part(Emit *e, const EmitRun *run, uint32_t k, uint32_t p) {
+    const Inst *i = run->at[k], *first = run->first[k];
+    Part x[3] = {NULL, NULL, NULL};
+    if (has_masks(e) && ir_is_guarded_twice(i)) {
+        const Inst *product = i->args[2];
+        emit_slot(e, i)[p] = product_guarded_twice(e, part_of(e, product->args[0], p), part_of(e, product->args[1], p));
+        return;
+    }
+    for (uint32_t j = 0; j < i->nargs; j++)
+        x[j] = run->same[k][j] ? run->same[k][j] : emit_slot(e, j == 0 && first ? first : i->args[j])[p];
+    emit_slot(e, i)[p] = value_part(e, i, x);
+}
+
 /* One part after the other: what is between lives in few registers, whatever the width. */
-void emit_value_run(Emit *e, Inst *const *run, uint32_t n) {
-    Part(*same)[3] = arena_alloc(e->arena, (n + 1) * sizeof *same);      /* operands that all parts share */
-    const Inst **first = arena_alloc(e->arena, (n + 1) * sizeof *first); /* operand 0, where it is another's */
+void emit_value_run(Emit *e, Inst *const *at, uint32_t n) {
+    EmitRun run = {.at = at, .n = n};
+    run.same = arena_alloc(e->arena, (n + 1) * sizeof *run.same);
+    run.first = arena_alloc(e->arena, (n + 1) * sizeof *run.first);
     for (uint32_t k = 0; k < n; k++) {
         Part bound;
-        first[k] = emit_compared_root(e, run[k], &bound);
-        if (first[k]) {
-            same[k][0] = NULL, same[k][1] = emit_splat(e, bound); /* nothing reads the root: LLVM drops it */
+        run.first[k] = emit_compared_root(e, at[k], &bound);
+        if (run.first[k]) {
+            run.same[k][0] = NULL, run.same[k][1] = emit_splat(e, bound); /* nothing reads the root: LLVM drops it */
             continue;
         }
-        for (uint32_t j = 0; j < run[k]->nargs; j++) {
-            const Inst *x = run[k]->args[j];
-            bool picks = ir_ops[run[k]->op].selects && j == 0; /* a uniform condition selects whole vectors */
-            if (emit_is_vector(e, x)) same[k][j] = NULL;
-            else same[k][j] = picks ? emit_scalar(e, x) : emit_splat(e, emit_scalar(e, x));
+        for (uint32_t j = 0; j < at[k]->nargs; j++) {
+            const Inst *x = at[k]->args[j];
+            bool picks = ir_ops[at[k]->op].selects && j == 0; /* a uniform condition selects whole vectors */
+            if (emit_is_vector(e, x)) run.same[k][j] = NULL;
+            else run.same[k][j] = picks ? emit_scalar(e, x) : emit_splat(e, emit_scalar(e, x));
         }
     }
+    if (emit_lookup(e, &run)) return;
     for (uint32_t p = 0; p < e->P; p++)
-        for (uint32_t k = 0; k < n; k++) {
-            Part x[3] = {NULL, NULL, NULL};
-            for (uint32_t j = 0; j < run[k]->nargs; j++)
-                x[j] = same[k][j] ? same[k][j] : emit_slot(e, j == 0 && first[k] ? first[k] : run[k]->args[j])[p];
-            if (has_masks(e) && ir_is_guarded_twice(run[k])) {
-                const Inst *product = run[k]->args[2];
-                emit_slot(e, run[k])[p] =
-                    product_guarded_twice(e, part_of(e, product->args[0], p), part_of(e, product->args[1], p));
-            } else emit_slot(e, run[k])[p] = value_part(e, run[k], x);
-        }
+        for (uint32_t k = 0; k < n; k++) emit_run_part(e, &run, k, p);
 }

@@ -17,13 +17,7 @@ static bool is_sum_of_squares(const Inst *v, uint32_t depth) {
     }
 }
 
-static bool is_used_once(Emit *e, const Inst *i) {
-    if (!e->uses) {
-        e->uses = arena_alloc(e->arena, (e->fn->ninsts + 1) * sizeof *e->uses);
-        ir_count_uses(e->fn->body, e->uses);
-    }
-    return e->uses[i->id] == 1;
-}
+static bool is_used_once(Emit *e, const Inst *i) { return emit_uses(e)[i->id] == 1; }
 
 /* The least float whose root is not below r: 0 where r is not positive, or not a number. */
 static Part bound_of_squares(Emit *e, Part r) {
