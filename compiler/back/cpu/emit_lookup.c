@@ -4,7 +4,8 @@
  * side by side lie in a few cells. Where the integers of all lanes are among as many in a row as a register has lanes,
  * everything that follows from them and from what lanes share is made once, for these integers side by side, and every
  * lane takes what it needs from there, by an instruction a vector. Elsewhere, which one branch tells, each lane does it
- * itself. The bits are the same.
+ * itself. The bits are the same. What is the same of the next integer, as the hash of a cell's other corner, is one
+ * further on in the same table.
  *
  * That holds for the values of a run (emit_value_run), which is emitted twice: only what comes out of it meets again.
  */
@@ -23,16 +24,18 @@ typedef enum Role { REST, ROOT, BEFORE /* a root hangs on it */, MEMBER /* hangs
 typedef struct Value {
     Role role;
     uint32_t root;      /* of a member */
+    uint32_t as;        /* a member: the one that is what this is where the root is one more; itself: none is */
     bool looked_up;     /* a member that others read */
     bool leaves;        /* read behind the run */
     Part table, *parts; /* of a member; what leaves: at the end of the first way */
 } Value;
 
 typedef struct Root {
-    uint32_t at;               /* in the run */
-    Part base;                 /* the first integer of the table */
-    Part raw[BACK_MAX_PARTS];  /* the integers, where they are near */
-    Part from[BACK_MAX_PARTS]; /* which element of the table */
+    uint32_t at;                  /* in the run */
+    Part base;                    /* the first integer of the table */
+    bool beside;                  /* some member is looked up in another's table, one further on */
+    Part raw[BACK_MAX_PARTS];     /* the integers, where they are near */
+    Part from[2][BACK_MAX_PARTS]; /* which element of the table; the one behind it */
 } Root;
 
 typedef struct Lookup {
@@ -117,6 +120,41 @@ static void find_readers(Emit *e, Inst *const *run, uint32_t n, Value *v) {
     }
 }
 
+/* ---- corners of one cell: f(i + 1) is looked up where f(i) is */
+typedef struct Match {
+    Inst *const *run;
+    uint32_t n, root, steps;
+    const Value *v;
+} Match;
+
+/* Is b what a is where the root is one more? */
+static bool is_next(const Emit *e, Match *m, const Inst *a, const Inst *b) {
+    if (!m->steps) return false;
+    m->steps--;
+    if (a == m->run[m->root])
+        return b->op == OP_iadd && b->args[0] == a && b->args[1]->op == OP_consti && b->args[1]->imm.i == 1;
+    const uint32_t at = find(m->run, m->n, a);
+    if (at == m->n || m->v[at].role != MEMBER || m->v[at].root != m->root || a->op != b->op || a->nargs != b->nargs)
+        return false;
+    for (uint32_t j = 0; j < a->nargs; j++)
+        if (emit_is_vector(e, a->args[j]) ? !is_next(e, m, a->args[j], b->args[j]) : a->args[j] != b->args[j])
+            return false;
+    return true;
+}
+
+static void find_next(const Emit *e, Inst *const *run, uint32_t n, Value *v) {
+    enum { STEPS = 4096, LANES = 16 /* where registers are fewer and shorter it is no gain */ };
+    for (uint32_t k = 0; k < n; k++) v[k].as = k;
+    if (e->L < LANES) return;
+    for (uint32_t b = 0; b < n; b++)
+        for (uint32_t a = 0; a < b && v[b].role == MEMBER && v[b].looked_up && v[b].as == b; a++) {
+            Match m = {run, n, v[b].root, STEPS, v};
+            if (v[a].role == MEMBER && v[a].looked_up && v[a].as == a && v[a].root == v[b].root &&
+                is_next(e, &m, run[a], run[b]))
+                v[b].as = a;
+        }
+}
+
 /* Is one table of the members of this root worth it? */
 static bool pays(const Emit *e, Inst *const *run, uint32_t n, const Value *v, uint32_t root) {
     uint32_t cost = 0, looked_up = 0;
@@ -152,6 +190,7 @@ static bool find_roles(Emit *e, Inst *const *run, uint32_t n, Value *v) {
         for (uint32_t k = 0; k < n && !again; k++)
             if (v[k].role == ROOT && !pays(e, run, n, v, k)) v[k].role = REST, roots--, again = roots;
     }
+    find_next(e, run, n, v);
     return roots > 0;
 }
 
@@ -184,6 +223,7 @@ static Part lane_of(Emit *e, Part v, uint32_t lane) {
 /* Are the integers of all lanes less than L apart? The lesser of the first and the last lane's is where the table
  * begins, since columns go one way. Integers that do not fit are 2^31 here: the table must not reach them. */
 static Part is_near(Emit *e, const Lookup *l, Root *r) {
+    Part one = emit_splat(e, emit_int(e, e->t_i32, 1));
     const Inst *of = l->run->at[r->at]->args[0];
     Part x[BACK_MAX_PARTS], any = NULL;
     emit_parts(e, of, x);
@@ -192,8 +232,11 @@ static Part is_near(Emit *e, const Lookup *l, Root *r) {
     r->base = LL(BuildSelect)(e->b, LL(BuildICmp)(e->b, LLVMIntSLT, first, last, ""), first, last, "");
     Part base = emit_splat(e, r->base);
     for (uint32_t p = 0; p < e->P; p++) {
-        r->from[p] = LL(BuildSub)(e->b, r->raw[p], base, "");
-        any = any ? LL(BuildOr)(e->b, any, r->from[p], "") : r->from[p];
+        r->from[0][p] = LL(BuildSub)(e->b, r->raw[p], base, "");
+        any = any ? LL(BuildOr)(e->b, any, r->from[0][p], "") : r->from[0][p];
+        if (!r->beside) continue;
+        r->from[1][p] = LL(BuildAdd)(e->b, r->from[0][p], one, "");
+        any = LL(BuildOr)(e->b, any, r->from[1][p], "");
     }
     LLVMTypeRef bits = LL(IntTypeInContext)(e->ctx, e->L);
     Part high = LL(BuildAnd)(e->b, any, emit_splat(e, emit_int(e, e->t_i32, ~(e->L - 1) & UINT32_MAX)), "");
@@ -240,7 +283,8 @@ static void emit_rest(Emit *e, Lookup *l, uint32_t p, bool *there) {
             const uint32_t at = k < run->n ? find(run->at, run->n, x[j]) : j;
             if (at == run->n || there[at] || l->value[at].role != MEMBER) continue;
             if (k == run->n && !l->value[at].leaves) continue;
-            emit_slot(e, run->at[at])[p] = permuted(e, l->value[at].table, root_of(l, &l->value[at])->from[p]);
+            const Value *v = &l->value[at];
+            emit_slot(e, run->at[at])[p] = permuted(e, l->value[v->as].table, root_of(l, v)->from[v->as != at][p]);
             there[at] = true;
         }
         if (k < run->n) emit_run_part(e, run, k, p);
@@ -263,6 +307,8 @@ bool emit_lookup(Emit *e, const EmitRun *run) {
         if (l.value[k].role != ROOT) continue;
         Root *r = l.root[l.nroots++] = ARENA_NEW(e->arena, Root);
         r->at = k;
+        for (uint32_t j = 0; j < run->n; j++)
+            r->beside |= l.value[j].role == MEMBER && l.value[j].root == k && l.value[j].as != j;
         Part is = is_near(e, &l, r);
         near = near ? LL(BuildAnd)(e->b, near, is, "") : is;
     }
