@@ -32,7 +32,7 @@ typedef struct Value {
 
 typedef struct Root {
     uint32_t at;                  /* in the run */
-    Part base;                    /* the first integer of the table */
+    Part base;                    /* the first integer of the table, in all lanes */
     bool beside;                  /* some member is looked up in another's table, one further on */
     Part raw[BACK_MAX_PARTS];     /* the integers, where they are near */
     Part from[2][BACK_MAX_PARTS]; /* which element of the table; the one behind it */
@@ -216,8 +216,10 @@ static Part permuted(Emit *e, Part table, Part from) {
     return emit_intrinsic(e, name, NULL, x, 2);
 }
 
-static Part lane_of(Emit *e, Part v, uint32_t lane) {
-    return LL(BuildExtractElement)(e->b, v, emit_int(e, e->t_i32, lane), "");
+static Part everywhere(Emit *e, Part v, uint32_t lane) {
+    Part lanes[BACK_MAX_WIDTH];
+    for (uint32_t l = 0; l < e->L; l++) lanes[l] = emit_int(e, e->t_i32, lane);
+    return LL(BuildShuffleVector)(e->b, v, LL(GetPoison)(LL(TypeOf)(v)), LL(ConstVector)(lanes, e->L), "");
 }
 
 /* Are the integers of all lanes less than L apart? The lesser of the first and the last lane's is where the table
@@ -228,11 +230,10 @@ static Part is_near(Emit *e, const Lookup *l, Root *r) {
     Part x[BACK_MAX_PARTS], any = NULL;
     emit_parts(e, of, x);
     for (uint32_t p = 0; p < e->P; p++) r->raw[p] = emit_converted(e, x[p], NULL, true);
-    Part first = lane_of(e, r->raw[0], 0), last = lane_of(e, r->raw[e->P - 1], e->L - 1);
+    Part first = everywhere(e, r->raw[0], 0), last = everywhere(e, r->raw[e->P - 1], e->L - 1);
     r->base = LL(BuildSelect)(e->b, LL(BuildICmp)(e->b, LLVMIntSLT, first, last, ""), first, last, "");
-    Part base = emit_splat(e, r->base);
     for (uint32_t p = 0; p < e->P; p++) {
-        r->from[0][p] = LL(BuildSub)(e->b, r->raw[p], base, "");
+        r->from[0][p] = LL(BuildSub)(e->b, r->raw[p], r->base, "");
         any = any ? LL(BuildOr)(e->b, any, r->from[0][p], "") : r->from[0][p];
         if (!r->beside) continue;
         r->from[1][p] = LL(BuildAdd)(e->b, r->from[0][p], one, "");
@@ -242,7 +243,8 @@ static Part is_near(Emit *e, const Lookup *l, Root *r) {
     Part high = LL(BuildAnd)(e->b, any, emit_splat(e, emit_int(e, e->t_i32, ~(e->L - 1) & UINT32_MAX)), "");
     Part far = LL(BuildICmp)(e->b, LLVMIntNE, high, LL(ConstNull)(LL(TypeOf)(high)), "");
     Part near = LL(BuildICmp)(e->b, LLVMIntEQ, LL(BuildBitCast)(e->b, far, bits, ""), LL(ConstNull)(bits), "");
-    Part shifted = LL(BuildAdd)(e->b, r->base, emit_int(e, e->t_i32, INT32_MAX), "");
+    Part least = LL(BuildExtractElement)(e->b, r->base, emit_int(e, e->t_i32, 0), "");
+    Part shifted = LL(BuildAdd)(e->b, least, emit_int(e, e->t_i32, INT32_MAX), "");
     Part fits = LL(BuildICmp)(e->b, LLVMIntULE, shifted, emit_int(e, e->t_i32, UINT32_MAX - e->L), "");
     return LL(BuildAnd)(e->b, near, fits, "");
 }
@@ -250,7 +252,7 @@ static Part is_near(Emit *e, const Lookup *l, Root *r) {
 static Part next_to(Emit *e, Part base) {
     Part lanes[BACK_MAX_WIDTH];
     for (uint32_t l = 0; l < e->L; l++) lanes[l] = emit_int(e, e->t_i32, l);
-    return LL(BuildAdd)(e->b, emit_splat(e, base), LL(ConstVector)(lanes, e->L), "");
+    return LL(BuildAdd)(e->b, base, LL(ConstVector)(lanes, e->L), "");
 }
 
 static void emit_tables(Emit *e, Lookup *l) {
