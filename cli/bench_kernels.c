@@ -1,5 +1,6 @@
 /* Nanoseconds a sample of every kernel, on one thread: the middles of the pixels of an image, in tiles as the runtime
- * runs them; the median of interleaved rounds. */
+ * runs them; the median of interleaved rounds. Where an image of this size has lists of the iterations that matter in
+ * parts of its tiles (runtime/sample/narrow.h) so has its value here, and what making them takes is part of it. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -8,6 +9,7 @@
 #include "bindings/c/api.h"
 #include "cli/bench.h"
 #include "compiler/pass/walk.h"
+#include "runtime/sample/narrow.h"
 
 enum {
     SIDE = 32,       /* of a tile, in pixels; of a volume's SIDE / 4 */
@@ -19,6 +21,13 @@ enum {
 
 static const int shown[] = {K_VALUE, K_REGION, K_EVENT, K_SIDES, K_SITE, K_SITE_GRAD, K_VJP, K_SITE_VJP};
 enum { NSHOWN = sizeof shown / sizeof *shown };
+
+/* Lists of parts of tiles, as images have them. */
+typedef struct Lists {
+    Batch batch; /* of `bounds` */
+    Narrowed narrow;
+    bool serve;
+} Lists;
 
 /* The samples of all tiles, one after the other, and room for what one call makes of them. */
 typedef struct Buffers {
@@ -110,17 +119,59 @@ static const bool is_float[SLT_IN_VARYING] = {
 #undef INT
 };
 
+/* The samples of the next call, from this one on. */
+static void put_samples(Buffers *b, uint32_t first, bool f64) {
+    for (int i = 0; i < SLT_IN_VARYING; i++) {
+        size_t element = f64 && is_float[i] ? sizeof(double) : sizeof(float);
+        b->args.in[i] = (char *)b->in[i] + first * element;
+    }
+}
+
 /* All tiles once. */
 static void run_kernel(Buffers *b, SltKernel *f, bool f64) {
     for (uint32_t t = 0; t < b->ntiles; t++) {
-        for (int i = 0; i < SLT_IN_VARYING; i++) {
-            size_t element = f64 && is_float[i] ? sizeof(double) : sizeof(float);
-            b->args.in[i] = (char *)b->in[i] + (size_t)t * b->stride * element;
-        }
+        put_samples(b, t * b->stride, f64);
         f(&b->args, b->n);
         b->args.log_len = 0;
     }
 }
+
+static double flt_at(const Buffers *b, uint32_t slot, uint32_t i, bool f64) {
+    return f64 ? ((double *)b->in[slot])[i] : (double)((float *)b->in[slot])[i];
+}
+
+/* All tiles once, a few rows of a tile a call. */
+static void run_listed(Buffers *b, Lists *l, SltKernel *f, bool f64) {
+    enum { STRIP = SIDE / 4, CALL = STRIP * SIDE };
+    for (uint32_t t = 0; t < b->ntiles; t++) {
+        const uint32_t first = t * b->stride;
+        NarrowParts p = {.rows = N / CALL, .samples = N};
+        p.x[0] = flt_at(b, SLT_IN_X0, first, f64), p.x[1] = flt_at(b, SLT_IN_X0, first + SIDE - 1, f64);
+        for (uint32_t r = 0; r < p.rows; r++)
+            for (uint32_t end = 0; end < 2; end++)
+                p.y[r][end] = flt_at(b, SLT_IN_X1, first + r * CALL + end * (CALL - 1), f64);
+        if (!narrow_tile(&l->narrow, &l->batch, &p)) l->serve = false;
+        for (uint32_t r = 0; r < p.rows; r++) {
+            narrow_rows(&l->narrow, &l->batch, r, r);
+            b->args.cull = l->batch.args.cull, b->args.n_valid = CALL;
+            put_samples(b, first + r * CALL, f64);
+            f(&b->args, CALL);
+        }
+        narrow_end(&l->narrow, &l->batch);
+    }
+    b->args.cull = NULL, b->args.n_valid = b->n;
+}
+
+/* Where an image of this job has lists: are they there now? */
+static SltStatus lists_make(Lists *l, SltProgram *p, const SltJob *j, uint32_t samples, SltError *err) {
+    if (samples != N || !api_lists_pay(p, (double)j->size[0] * j->size[1] * j->spp)) return SLT_OK;
+    SltStatus s = api_lists_begin(p, err);
+    if (s != SLT_OK || !narrow_serves(&p->scene)) return s;
+    l->serve = batch_init(&l->batch, &p->scene, NULL) && narrow_init(&l->narrow, &p->scene);
+    return l->serve ? SLT_OK : status_fail(err, SLT_LIMIT, "out of memory");
+}
+
+static void lists_free(Lists *l) { batch_free(&l->batch), narrow_free(&l->narrow); }
 
 /* Of this thread: what other programs do lengthens it less than the clock's time. */
 static double now(void) {
@@ -146,24 +197,29 @@ int bench_kernels(Cli *c, SltProgram *p) {
     if (status != SLT_OK) return cli_fail(c, &err);
     Buffers b = {0};
     if (!make_buffers(p, c->job.size, &b)) return free_buffers(&b), cli_error(SLT_LIMIT, "out of memory");
-    double ns[NSHOWN][ROUNDS];
-    int calls[NSHOWN];
-    for (int k = 0; k < NSHOWN; k++) {
-        SltKernel *f = p->scene.kernel[shown[k]];
-        if (!f) continue;
-        double start = now();
-        run_kernel(&b, f, p->opt.f64);
-        double once = now() - start;
-        calls[k] = (int)fmin(2000, fmax(1, 0.02 / fmax(once, 1e-7)));
-    }
-    for (int r = 0; r < ROUNDS; r++)
-        for (int k = 0; k < NSHOWN; k++) {
-            SltKernel *f = p->scene.kernel[shown[k]];
+    Lists lists = {0};
+    status = lists_make(&lists, p, &c->job, b.n, &err);
+    if (status != SLT_OK) return lists_free(&lists), free_buffers(&b), cli_fail(c, &err);
+    enum { LISTED = NSHOWN }; /* behind the kernels: the value with lists */
+    double ns[NSHOWN + 1][ROUNDS];
+    int calls[NSHOWN + 1];
+    const int n = lists.serve ? NSHOWN + 1 : NSHOWN;
+    for (int r = -1; r < ROUNDS; r++) /* before the first: how many calls are long enough */
+        for (int k = 0; k < n; k++) {
+            SltKernel *f = p->scene.kernel[k == LISTED ? K_VALUE : shown[k]];
             if (!f) continue;
+            if (r < 0) calls[k] = 1;
             double start = now();
-            for (int i = 0; i < calls[k]; i++) run_kernel(&b, f, p->opt.f64);
-            ns[k][r] = (now() - start) / calls[k] / ((double)b.ntiles * b.n) * 1e9;
+            for (int i = 0; i < calls[k]; i++)
+                if (k == LISTED) run_listed(&b, &lists, f, p->opt.f64);
+                else run_kernel(&b, f, p->opt.f64);
+            const double one = (now() - start) / calls[k];
+            if (r < 0) calls[k] = (int)fmin(2000, fmax(1, 0.02 / fmax(one, 1e-7)));
+            else ns[k][r] = one / ((double)b.ntiles * b.n) * 1e9;
         }
+    lists_free(&lists), api_lists_end(p);
+    if (n > NSHOWN) qsort(ns[LISTED], ROUNDS, sizeof **ns, compare);
+    const double listed = n > NSHOWN ? ns[LISTED][ROUNDS / 2] : 0;
     double base = 0;
     if (c->json) printf("{\"kernels\": {");
     else printf("%-10s %10s %8s %6s %8s %10s\n", "kernel", "ns/sample", "ratio", "width", "ops", "tape bytes");
@@ -176,15 +232,18 @@ int bench_kernels(Cli *c, SltProgram *p) {
         uint32_t width = p->module_of[shown[k]] ? back_width(p->module_of[shown[k]], kernel_names[shown[k]]) : 1,
                  ops = walk_fn_size(p->fn[shown[k]]);
         unsigned long long tape = p->tape[shown[k]].bytes_per_lane;
+        const bool has_lists = shown[k] == K_VALUE && listed > 0;
         if (c->json) {
             printf("%s\"%s\": {\"ns\": ", first ? "" : ", ", kernel_names[shown[k]]);
-            json_number(stdout, median);
+            json_number(stdout, has_lists ? listed : median);
+            if (has_lists) printf(", \"without_lists\": "), json_number(stdout, median);
             printf(", \"ratio\": ");
             json_number(stdout, median / base);
             printf(", \"width\": %u, \"ops\": %u, \"tape_bytes\": %llu}", width, ops, tape);
         } else {
             printf("%-10s %10.3f %8.2f %6u %8u %10llu\n", kernel_names[shown[k]], median, median / base, width, ops,
                    tape);
+            if (has_lists) printf("%-10s %10.3f %8.2f\n", "  listed", listed, listed / base);
         }
         first = false;
     }

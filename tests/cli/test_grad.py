@@ -695,6 +695,19 @@ class Bench(Case):
         self.put("s.salt", SMOOTH)
         self.assertEqual(set(self.json_cli("bench", "s.salt", "--kernels")["kernels"]), {"value", "vjp"})
 
+    def test_bench_kernels_with_lists(self):
+        """Of a painter's loop an image of that size runs the iterations that matter in parts of its tiles; a small one all."""
+        self.put("p.salt", """param float2 at[100] = init(place);
+float2 place(int i) { return rand2(); }
+shader float main(float2 x) {
+    float c = 0.0;
+    for (int i = 0; i < 100; i++) { [Disc] if (length(x - at[i]) < 0.05) c = float(i); }
+    return c;
+}""")
+        small, large = (self.json_cli("bench", "p.salt", "--kernels", "--size", n)["kernels"]["value"] for n in (32, 2048))
+        self.assertNotIn("without_lists", small)
+        self.assertIn("without_lists", large)
+
 
 if __name__ == "__main__":
     unittest.main()
