@@ -77,7 +77,8 @@ static void see(void *user, const Inst *i, const void *const *slot, const uint8_
     Scale *s = user;
     const bool asks = i->op == OP_fsqrt || i->op == OP_frsqrt || i->op == OP_site, number = i->type == TY_FLT;
     if (!asks && !number) return;
-    if (!asks && is_usual(slot[i->id])) { /* in lanes that are off there is some number, too */
+    const bool usual = !number || is_usual(slot[i->id]); /* in lanes that are off there is some number, too */
+    if (!asks && usual) {
         s->lost[i->id] = (Lost){0};
         return;
     }
@@ -92,7 +93,7 @@ static void see(void *user, const Inst *i, const void *const *slot, const uint8_
         /* Of a length that is infinite its site will say so. */
         asked->high += i->op == OP_site ? count(from.high & ran) : 0;
     }
-    for (uint32_t k = 0; k < LANES && number && !is_usual(slot[i->id]); k++) {
+    for (uint32_t k = 0; k < LANES && !usual; k++) {
         if (!on[k]) continue;
         float r = of(slot, i, k);
         if (fabsf(r) >= FLT_MIN && isfinite(r)) continue; /* as most are: nothing is lost */
