@@ -63,8 +63,10 @@ static SltStatus run_some(Boundary *y, uint32_t n, SinkKind kind) {
     uint32_t accums = kind == SINK_INTEGRAL  ? sums * s->channels
                       : kind == SINK_REVERSE ? y->classes + y->misses + (y->noise[0] ? PARTS_NOISE : 0)
                                              : 0;
-    SltStatus st = cull_by_parts(&r->cull) ? run_workers(r, most_tiles(y, n), accums, kind)
-                                           : status_fail(r->err, SLT_LIMIT, "out of memory");
+    /* Tiles of images are small, and their lists short: parts of them would gain what their lists take. */
+    const bool memory = !r->grid.integral || cull_by_parts(&r->cull);
+    SltStatus st =
+        memory ? run_workers(r, most_tiles(y, n), accums, kind) : status_fail(r->err, SLT_LIMIT, "out of memory");
     double lines = pow(y->segments / s->dim, 1.0 / s->dim) * (r->grid.integral ? 1 : r->grid.n[0]);
     double step = coincide_step(root_tolerance(run_is_coarse(r)) / fmax(1, lines), STEP);
     if (st == SLT_OK && !(coincide_begin(r, step) && twins_begin(r)))
