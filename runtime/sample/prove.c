@@ -109,6 +109,7 @@ static void give_up(Finder *f, const Segment *s) {
 }
 
 void prove_run(Finder *f, bool all) {
+    enum { PLACE_BITS = 16 }; /* are left out: 256 columns and rows are enough for boxes to lie side by side */
     Batch *b = f->b;
     Segment part[FIND];
     uint64_t key[FIND];
@@ -134,7 +135,7 @@ void prove_run(Finder *f, bool all) {
             end[kept][0] = ta, end[kept][1] = tb;
             double mid[3];
             segment_at(s, 0.5 * (ta + tb), mid);
-            key[kept] = (uint64_t)window_place(f->s, mid) << 32 | kept;
+            key[kept] = (uint64_t)(window_place(f->s, mid) >> PLACE_BITS) << 32 | kept;
             kept++;
         }
         sort_keys(key, kept);

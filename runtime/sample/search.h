@@ -81,6 +81,7 @@ void window_doubt(Finder *f, const Segment *s, double mid, Mark m);
  * rays that nobody sees. */
 void window_settle_still(Finder *f);
 /* Sorts the stack along a Z curve through the domain, so that rays of one vector go the same way. */
+/* Where x lies on a curve that fills the plane of the first two axes (Morton): what is near on it is near. */
 uint32_t window_place(const SltScene *s, const double x[3]);
 void window_order(Finder *f);
 
