@@ -1,20 +1,11 @@
 /* Lists of parts of a tile: listed.h. */
 #include "bindings/c/listed.h"
 
-#include <math.h>
+#include "compiler/pass/walk.h"
 
 /* Compiling `bounds` takes about as long as shading so many samples takes, for each instruction of the program. */
 static const double worth = 1 << 26;
 enum { LEAST = 16 /* iterations */ };
-
-static double instructions(const Block *b) {
-    double n = 0;
-    for (const Inst *i = b->first; i; i = i->next) {
-        n++;
-        for (uint32_t r = 0; r < i->nregions; r++) n += instructions(i->region[r]);
-    }
-    return n;
-}
 
 /* To ask about a tile takes as long whatever its size is. */
 static bool is_large(const SltJob *job) {
@@ -35,7 +26,7 @@ bool api_lists_pay(SltProgram *p, double samples) {
         api_too_many_sites(p) || ir_has(body, OP_print) /* which comes row by row */)
         return false;
     p->list_work += samples * p->scene.work;
-    return p->list_work >= worth * instructions(body);
+    return p->list_work >= worth * walk_size(body);
 }
 
 bool api_wants_lists(SltProgram *p, const SltJob *job) {
@@ -77,14 +68,6 @@ static uint32_t cut(const PixelPart *tile, PixelPart *part) {
     return n;
 }
 
-static bool is_flat(const Batch *b, uint32_t i) {
-    for (uint32_t c = 0; c < b->s->channels; c++) {
-        const double lo = batch_get(b, SLT_OUT_F_LO, c, i);
-        if (!(lo == batch_get(b, SLT_OUT_F_HI, c, i)) || !isfinite(lo)) return false;
-    }
-    return true;
-}
-
 static void count(Listed *l, uint32_t n) {
     const SltScene *s = l->lists.s;
     for (uint32_t j = 0; j < s->nlists; j++) {
@@ -109,8 +92,9 @@ uint32_t listed_tile(Listed *l, const SltProgram *p, const SltJob *job, const Pi
             batch_set(b, SLT_IN_H0 + d, i, api_middle(p, job, d, most));
         }
     batch_call(b, SLT_K_BOUNDS, n);
+    double f[SLT_MAX_CHANNELS];
     l->flat = 0;
-    for (uint32_t i = 0; i < n; i++) l->flat |= (uint32_t)is_flat(b, i) << i;
+    for (uint32_t i = 0; i < n; i++) l->flat |= (uint32_t)batch_is_constant(b, i, f) << i;
     if (!lists_split(&l->lists, b, n, UINT64_MAX)) return 0;
     for (uint32_t i = 0; i < n; i++) l->of[i] = lists_of(&l->lists, i);
     count(l, n);

@@ -82,8 +82,7 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
     Squares *s = user;
     SquareWorker *w = &s->worker[worker];
     const SltScene *scene = &s->p->scene;
-    PruneImage image = {
-        .dim = scene->dim, .channels = scene->channels, .user = w, .constant = constant, .sample = sample};
+    PruneImage image = {.dim = scene->dim, .user = w, .constant = constant, .sample = sample};
     PixelRect r = {.n = {1, 1, 1}};
     uint32_t at[2] = {(uint32_t)(tile % s->across), (uint32_t)(tile / s->across)};
     for (uint32_t d = 0; d < 2; d++) {

@@ -1,4 +1,5 @@
 /* Allocating, filling and padding the arrays of kernel calls. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
@@ -113,6 +114,14 @@ void batch_collect(Batch *b, SltStats *t) {
     t->evaluations += b->evaluations, b->evaluations = 0;
     t->truncated += c[SLT_COUNT_TRUNCATED], t->asserts += c[SLT_COUNT_ASSERT], t->nonfinite += c[SLT_COUNT_NONFINITE];
     memset(c, 0, sizeof b->args.counters);
+}
+
+bool batch_is_constant(const Batch *b, uint32_t i, double *value) {
+    for (uint32_t c = 0; c < b->s->channels; c++) {
+        const double lo = value[c] = batch_get(b, SLT_OUT_F_LO, c, i);
+        if (!(lo == batch_get(b, SLT_OUT_F_HI, c, i)) || !isfinite(lo)) return false;
+    }
+    return true;
 }
 
 void batch_set_pixel(Batch *b, uint32_t i, const double x[3]) {

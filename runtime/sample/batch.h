@@ -82,6 +82,8 @@ static inline bool batch_has(const Batch *b, SltRole role) { return b->layout->o
 static inline int32_t batch_open(const Batch *b, uint32_t i) {
     return batch_has(b, SLT_OUT_OPEN) ? batch_get_int(b, SLT_OUT_OPEN, 0, i) : 0;
 }
+/* Is f one number of each channel on box i, of a call of `bounds` or `prune`? value: [channels] */
+bool batch_is_constant(const Batch *b, uint32_t i, double *value);
 /* The pixel that holds x. */
 void batch_set_pixel(Batch *b, uint32_t i, const double x[3]);
 /* The position of sample i, and the pixel that holds it where the kernels ask for pixel(). */

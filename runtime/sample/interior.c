@@ -287,7 +287,6 @@ static bool value_pruned(Interior *p, Worker *w, const TileRect *t) {
     if (!w->pruner.c && !prune_init(&w->pruner, p->run->s->chunks)) return false;
     Pruning q = {.p = p, .w = w};
     PruneImage image = {.dim = g->dim,
-                        .channels = p->run->s->channels,
                         .reach = p->run->j->centred || g->filter == SLT_FILTER_BOX ? 0 : g->radius - 0.5,
                         .user = &q,
                         .constant = prune_constant,

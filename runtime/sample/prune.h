@@ -54,7 +54,7 @@ typedef struct PixelRect {
 } PixelRect;
 
 typedef struct PruneImage {
-    uint32_t dim, channels;
+    uint32_t dim;
     double lo[3], side[3]; /* of pixel 0: its corner, its sides */
     double reach;          /* how far outside a pixel its samples may lie, in pixels */
     void *user;

@@ -1,7 +1,6 @@
 /* Boxes of pixels: up to 64 parts of a box in one call of `prune`, each with what runs in it; of the last parts only
  * whether f is one value there.
  */
-#include <math.h>
 
 #include "runtime/sample/prune.h"
 
@@ -33,15 +32,6 @@ static void set_box(Batch *b, const PruneImage *image, uint32_t i, const PixelRe
     }
 }
 
-static bool is_constant(const Batch *b, const PruneImage *image, uint32_t i, double *value) {
-    for (uint32_t c = 0; c < image->channels; c++) {
-        double lo = batch_get(b, SLT_OUT_F_LO, c, i);
-        if (!(lo == batch_get(b, SLT_OUT_F_HI, c, i)) || !isfinite(lo)) return false;
-        value[c] = lo;
-    }
-    return true;
-}
-
 /* The boxes of one call: r in equal parts of `side` pixels. */
 static uint32_t cut(const PruneImage *image, const PixelRect *r, uint32_t side, PixelRect *part) {
     uint32_t n = 0, at[3];
@@ -71,7 +61,7 @@ static uint64_t cut_and_fill(Pruner *p, Batch *b, const PruneImage *image, const
     for (uint32_t i = 0; i < n; i++) set_box(b, image, i, &part[i]);
     prune_boxes(p, b, level, n);
     for (uint32_t i = 0; i < n; i++)
-        if (!p->c->effects && is_constant(b, image, i, value)) image->constant(image->user, &part[i], value);
+        if (!p->c->effects && batch_is_constant(b, i, value)) image->constant(image->user, &part[i], value);
         else boxes |= (uint64_t)1 << i, part[kept++] = part[i];
     return boxes;
 }
