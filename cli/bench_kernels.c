@@ -165,8 +165,7 @@ static void run_listed(Buffers *b, Lists *l, SltKernel *f, bool f64) {
 /* Where an image of this job has lists: are they there now? */
 static SltStatus lists_make(Lists *l, SltProgram *p, const SltJob *j, uint32_t samples, SltError *err) {
     if (samples != N || !api_lists_pay(p, (double)j->size[0] * j->size[1] * j->spp)) return SLT_OK;
-    SltStatus s = api_lists_begin(p, err);
-    if (s != SLT_OK || !narrow_serves(&p->scene)) return s;
+    if (!api_lists_begin(p) || !narrow_serves(&p->scene)) return SLT_OK;
     l->serve = batch_init(&l->batch, &p->scene, NULL) && narrow_init(&l->narrow, &p->scene);
     return l->serve ? SLT_OK : status_fail(err, SLT_LIMIT, "out of memory");
 }

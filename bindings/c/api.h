@@ -198,8 +198,8 @@ SltStatus api_render_squares(SltProgram *p, const SltJob *job, uint32_t *pixels,
 /* ---- listed.c: lists of iterations for parts of images. After api_site_facts, before kernels are asked for: is it
  * worth while to compile `bounds` for an image of so many samples, and those that were before it? */
 bool api_lists_pay(SltProgram *p, double samples);
-/* kernels.c: for this image alone; no other call sees it. */
-SltStatus api_lists_begin(SltProgram *p, SltError *err);
+/* kernels.c: for this image alone; no other call sees it. False: it is not to be had, and the image does without. */
+bool api_lists_begin(SltProgram *p);
 void api_lists_end(SltProgram *p);
 bool api_wants_lists(SltProgram *p, const SltJob *job); /* the same for 8-bit pixels, whose value kernel may change */
 /* ---- geometry.c */

@@ -111,7 +111,7 @@ static SltStatus begin_render(ApiCall *c, SltProgram *p, const SltJob *job, SltS
     needs[K_PRUNE] = needs[K_PRUNED] = !by_cells(&c->job) && !c->job.integral;
     if (s == SLT_OK && needs[K_PRUNE]) s = api_site_facts(p, err);
     if (s == SLT_OK && needs[K_PRUNE] && api_lists_pay(p, (double)c->job.size[0] * c->job.size[1] * c->job.spp))
-        s = api_lists_begin(p, err);
+        (void)api_lists_begin(p);
     return s != SLT_OK ? s : api_call_kernels(c, needs);
 }
 

@@ -1,6 +1,7 @@
 /* Kernels on demand: those that a call needs and that are not there yet go through passes and back end as one module.
  */
 #include <stdlib.h>
+#include <math.h>
 #include <string.h>
 #include <time.h>
 
@@ -576,23 +577,21 @@ static SltStatus make_kernels(SltProgram *p, const bool needs[K_KINDS], const bo
 
 /* Whether `bounds` is there, and what is known of edges, decides how much is looked for in derivatives, and in which
  * order they are summed: these must not hang on the images that were made before. */
-SltStatus api_lists_begin(SltProgram *p, SltError *err) {
+bool api_lists_begin(SltProgram *p) {
     SltScene *s = &p->scene;
-    SltError own;
-    if (!err) err = &own;
-    if (s->kernel[K_BOUNDS]) return SLT_OK;
+    if (s->kernel[K_BOUNDS]) return true;
     if (!p->image_bounds) {
-        KernelOrder q = {.p = p, .by_facts = true, .of_images = true, .err = err};
-        if (p->nmodules + 4 >= sizeof p->modules / sizeof *p->modules) return SLT_OK;
+        SltError err;
+        KernelOrder q = {.p = p, .by_facts = true, .of_images = true, .err = &err};
+        if (p->nmodules + 4 >= sizeof p->modules / sizeof *p->modules) return false;
         q.needs[K_BOUNDS] = true;
-        const int unwound = session_protect(p->session, build_body, &q);
-        if (unwound) return status_fail(err, (SltStatus)unwound, "%s", p->session->unwind_text);
-        if (q.status != SLT_OK) return q.status;
-        p->image_bounds = s->kernel[K_BOUNDS];
+        const bool made = !session_protect(p->session, build_body, &q) && q.status == SLT_OK;
+        p->image_bounds = made ? s->kernel[K_BOUNDS] : NULL;
         p->tried[K_BOUNDS] = p->has[K_BOUNDS] = false, p->fn[K_BOUNDS] = NULL;
+        if (!p->image_bounds) p->list_work = -INFINITY; /* nor will it be the next time */
     }
     s->kernel[K_BOUNDS] = p->image_bounds;
-    return SLT_OK;
+    return p->image_bounds;
 }
 
 void api_lists_end(SltProgram *p) {

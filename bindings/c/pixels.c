@@ -239,7 +239,7 @@ static SltStatus render(SltProgram *p, const SltJob *job, uint32_t *pixels, SltS
 }
 
 SltStatus slt_render_rgba8(SltProgram *p, const SltJob *job, uint32_t *pixels, SltStats *stats, SltError *err) {
-    bool needs[K_KINDS] = {[K_VALUE] = true, [K_PRUNE] = true, [K_PRUNED] = true};
+    static const bool needs[K_KINDS] = {[K_VALUE] = true, [K_PRUNE] = true, [K_PRUNED] = true};
     ApiCall c;
     SltStatus s = api_call_begin(&c, p, job, stats, err);
     if (s == SLT_OK && (p->opt.interpret || !p->opt.rgba8))
@@ -247,7 +247,7 @@ SltStatus slt_render_rgba8(SltProgram *p, const SltJob *job, uint32_t *pixels, S
     if (s == SLT_OK && (p->prog->dim == 3 || p->prog->uses_rand))
         s = status_fail(err, SLT_USAGE, "8-bit pixels are for 1D and 2D domains without rand()");
     if (s == SLT_OK) s = api_site_facts(p, err);
-    if (s == SLT_OK) needs[K_BOUNDS] = api_wants_lists(p, &c.job);
+    if (s == SLT_OK && api_wants_lists(p, &c.job) && !api_lists_begin(p)) listed_judge(p, 1, 1);
     if (s == SLT_OK) s = api_kernels(p, needs, err); /* pixels of a row share what its IR says */
     bool squares = s == SLT_OK && p->scene.dim == 2 && prune_can(&p->scene);
     if (s == SLT_OK) s = (squares ? api_render_squares : render)(p, &c.job, pixels, c.stats, err);
