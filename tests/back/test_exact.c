@@ -87,21 +87,28 @@ static uint32_t count_in(const char *text, const char *word) {
     return n;
 }
 
+/* To be freed. */
+static char *assembly(Session *s, Fn *fn, const BackOptions *o) {
+    const KernelRequest k = {"kernel", fn};
+    unsigned char *bytes = NULL;
+    size_t size = 0;
+    const char *why = "";
+    assert_int_equal(back_emit(s, &k, 1, o, 's', &bytes, &size, &why), 0);
+    char *text = calloc(size + 1, 1);
+    assert_non_null(text);
+    memcpy(text, bytes, size);
+    free(bytes);
+    return text;
+}
+
 static void assert_steps(Session *s, bool slow, uint32_t width, uint32_t by_steps) {
     BackOptions o = {.width = width, .no_cache = true, .opt_level = 2};
     assert_true(target_named(&o.target, "avx512"));
     o.target.slow_divider = slow;
-    KernelRequest k = {"kernel", four_roots(s)};
-    unsigned char *bytes = NULL;
-    size_t size = 0;
-    const char *why = "";
-    assert_int_equal(back_emit(s, &k, 1, &o, 's', &bytes, &size, &why), 0);
-    char *text = calloc(size + 1, 1);
-    assert_non_null(text);
-    memcpy(text, bytes, size);
+    char *text = assembly(s, four_roots(s), &o);
     assert_int_equal(count_in(text, "vrsqrt14ps"), by_steps);
     assert_int_equal(count_in(text, "vsqrtps"), width / 16 * ROOTS - by_steps);
-    free(text), free(bytes);
+    free(text);
 }
 
 /* Half of them; none where a vector waits for its own root, nor where the divider is as fast as it is wide. */
@@ -273,16 +280,9 @@ static void constants_by_products(void **state) {
         if (!known)
             for (Inst *i = fn->body->first; i; i = i->next)
                 if (i->op == OP_fdiv) i->args[0] = fn->body->first;
-        KernelRequest k = {"kernel", fn};
-        unsigned char *bytes = NULL;
-        size_t size = 0;
-        const char *why = "";
-        assert_int_equal(back_emit(s, &k, 1, &o, 's', &bytes, &size, &why), 0);
-        char *text = calloc(size + 1, 1);
-        assert_non_null(text);
-        memcpy(text, bytes, size);
+        char *text = assembly(s, fn, &o);
         assert_int_equal(count_in(text, "vdivps"), known ? 2 : DIVISORS);
-        free(text), free(bytes);
+        free(text);
     }
     session_destroy(s);
 }
