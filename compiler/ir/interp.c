@@ -36,6 +36,7 @@ struct Interp {
     uint64_t tape_top, tape_cap, tape_limit;
     uint32_t position[SLT_MAX_CULL]; /* by list: how many iterations its loop has begun before this one */
     int status;                      /* anything but SLT_OK unwinds */
+    bool refused;                    /* the system has no memory */
     uint64_t fuel;                   /* instructions left */
     void (*eval)(uint8_t op, uint32_t n, void *dst, const void *a, const void *b, const void *c);
     IrWatch *watch; /* NULL: nobody watches */
@@ -305,7 +306,10 @@ static bool exec_tapepush(Interp *in, const Inst *i, const Mask *m) {
         uint64_t cap = in->tape_cap ? in->tape_cap * 2 : 65536;
         while (cap < end) cap *= 2;
         unsigned char *grown = realloc(in->tape, cap);
-        if (!grown) return fail(in, SLT_LIMIT);
+        if (!grown) {
+            in->refused = true;
+            return fail(in, SLT_LIMIT);
+        }
         in->tape = grown;
         in->tape_cap = cap;
     }
@@ -648,7 +652,7 @@ int ir_interp_run(Interp *in, SltKernelArgs *args, uint32_t n, uint64_t *fuel, u
                   void *user) {
     if (!n) return SLT_OK;
     if (in->frame_places && !args->pruned) return SLT_USAGE;
-    in->args = args, in->n = n, in->fuel = *fuel, in->status = SLT_OK;
+    in->args = args, in->n = n, in->fuel = *fuel, in->status = SLT_OK, in->refused = false;
     in->watch = watch, in->watch_user = user, in->first_random = first;
     in->tape_limit = args->tape_bytes ? args->tape_bytes : default_tape_bytes;
     Mask all = {{0}};
@@ -660,7 +664,7 @@ int ir_interp_run(Interp *in, SltKernelArgs *args, uint32_t n, uint64_t *fuel, u
     }
     free(in->tape);
     in->tape = NULL, in->tape_cap = 0;
-    *fuel = in->status == SLT_LIMIT ? 0 : in->fuel;
+    *fuel = in->status == SLT_LIMIT && !in->refused ? 0 : in->fuel;
     return in->status;
 }
 
@@ -688,11 +692,11 @@ int ir_interpret_watched(const Fn *fn, SltKernelArgs *args, uint32_t n, uint32_t
     if (bytes <= max_slot_bytes) {
         in.slot = calloc(in.ids, sizeof *in.slot), in.next = calloc(in.ids, sizeof *in.next);
         in.memory = calloc(bytes, 1), in.frame = calloc(in.frame_bytes, 1);
-    }
+    } else *fuel = 0;
     if (in.slot && in.next && in.memory && in.frame) {
         place_values(&in);
         status = ir_interp_run(&in, args, n, fuel, first, watch, user);
-    } else *fuel = 0;
+    }
     free(in.frame);
     free(in.memory);
     free(in.next);

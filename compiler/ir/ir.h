@@ -293,7 +293,8 @@ void ir_require(const Fn *fn, const char *when);
 struct SltKernelArgs;
 int ir_interpret(const Fn *fn, struct SltKernelArgs *args, uint32_t n, uint32_t lanes);
 /* The same within *fuel instructions, each counted once a vector; leaves in *fuel what was not used, and returns
- * SLT_LIMIT when all was. */
+ * SLT_LIMIT when all was. SLT_LIMIT with fuel left: the system refused memory; with none: one of the Fn's own limits.
+ */
 int ir_interpret_within(const Fn *fn, struct SltKernelArgs *args, uint32_t n, uint32_t lanes, uint64_t *fuel);
 /* The same; after each instruction `watch` sees the values so far, slot[id][lane], and which lanes are active. `first`
  * is the random number that SLT_IN_RAND0 holds, 0 in kernels; the others are those of the stream. */

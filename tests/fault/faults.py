@@ -48,6 +48,16 @@ shader float main(float2 x) {
 }
 """
 
+# Its loop takes long enough for an image to ask bounds which iterations matter where (bindings/c/listed.h).
+PAINTER = """float disc(int i) { return frac(float(i) * 0.618 + 0.37); }
+param float d[192] = init(disc);
+shader float3 main(float2 x) {
+    float3 c = float3(0.9);
+    for (int i = 0; i < 48; i++) { [Disc] if (distance(x, float2(d[4 * i], d[4 * i + 1])) < 0.2 * d[4 * i + 2]) c = float3(d[4 * i + 3], d[4 * i + 2], 0.5); }
+    return c;
+}
+"""
+
 
 def sheet(n=10):
     """Sheets of 2 n^2 triangles, one below the other and through it."""
@@ -74,6 +84,7 @@ CASES = {
     "grad-pieces": ("grad pieces.salt --interpret --integral --estimator lattice --samples 64 --threads 1 --wrt m", []),
     "grad-lit": ("grad lit.salt --interpret --integral --estimator lattice --samples 64 --threads 1 --wrt m", []),
     "grad-cells": ("grad circle.salt --interpret --integral --estimator quadrature --error 1e-4 --threads 1", []),
+    "render-lists": ("render painter.salt --size 256x256 --spp 64 --threads 1 -o out.npy", ["out.npy"]),
     "sandbox": ("render circle.salt --sandbox --interpret %s -o out.png" % SMALL, ["out.png"]),
     "fit": ("fit circle.salt --interpret %s --target small.npy --wrt radius --iters 2 -o out" % SMALL, ["out/fitted.json", "out/loss.csv", "out/image.exr", "out/strip.png"]),
     "fit-scene": ("fit scene.json --interpret --threads 1 -o out", ["out/fitted.json", "out/loss.csv", "out/image.exr", "out/strip.png"]),
@@ -107,7 +118,7 @@ class Place:
         self.args, self.case = args, case
         self.line, self.outputs = CASES[case]
         self.dir = tempfile.mkdtemp(prefix="saltus-fault-")
-        for name, text in (("circle.salt", SOURCE), ("scene.json", SCENE), ("params.json", PARAMS), ("rounds.salt", ROUNDS_SALT), ("rounds.json", ROUNDS), ("answer.json", ANSWER), ("wrong.salt", SOURCE.replace("ink;", "inc;")),
+        for name, text in (("circle.salt", SOURCE), ("scene.json", SCENE), ("params.json", PARAMS), ("rounds.salt", ROUNDS_SALT), ("rounds.json", ROUNDS), ("answer.json", ANSWER), ("wrong.salt", SOURCE.replace("ink;", "inc;")), ("painter.salt", PAINTER),
                            ("sheet.obj", sheet()), ("pieces.salt", MESH.replace("WHAT", "q.area * q.normal.z")), ("lit.salt", MESH.replace("WHAT", "m.lit(q, float3(0.3, 0.2, 1.0))"))):
             with open(os.path.join(self.dir, name), "w") as f:
                 f.write(text)

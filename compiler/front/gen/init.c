@@ -46,7 +46,9 @@ static int run(Lower *l, Fn *fn, uint32_t n, const int32_t *const *k, uint32_t n
     uint32_t nout = fn->body->last->nargs;
     for (uint32_t i = 0; i < nout; i++) args.out[i] = out[i];
     ir_number(fn);
-    return ir_interpret_within(fn, &args, n, n > 1 ? 16 : 1, &p->init_fuel);
+    const int status = ir_interpret_within(fn, &args, n, n > 1 ? 16 : 1, &p->init_fuel);
+    if (status == SLT_LIMIT && p->init_fuel) session_limit(l->s, "out of memory");
+    return status;
 }
 
 static Val expression_value(Lower *l, Expr *e) {
