@@ -99,6 +99,11 @@ void ir_unlink(Inst *i) {
     i->block = NULL;
 }
 
+void ir_move_before(Inst *i, Inst *at) {
+    ir_unlink(i);
+    link_before(at->block, at, i);
+}
+
 /* ---- values */
 
 static Inst *insert(Builder *b, Op op, IrType t, uint32_t nargs, Inst *const *args) {

@@ -325,16 +325,18 @@ static bool exec_tapepush(Interp *in, const Inst *i, const Mask *m) {
     return true;
 }
 
+/* Uniform over the active lanes; lanes that never ran may hold anything. */
+static uint64_t mark_of(const Interp *in, const Inst *mark, const Mask *m) {
+    const uint64_t *marks = in->slot[mark->id];
+    for (uint32_t l = 0; l < in->lanes; l++)
+        if (m->on[l]) return marks[l];
+    return in->tape_top;
+}
+
 static bool exec_revloop(Interp *in, const Inst *i, const Mask *m) {
     const Block *body = i->region[0];
     uint32_t ncarried = i->nargs - 1, frame = body->nparams - ncarried;
-    const uint64_t *marks = in->slot[i->args[0]->id];
-    uint64_t mark = in->tape_top; /* uniform over the active lanes; lanes that never ran may hold anything */
-    for (uint32_t l = 0; l < in->lanes; l++)
-        if (m->on[l]) {
-            mark = marks[l];
-            break;
-        }
+    const uint64_t mark = mark_of(in, i->args[0], m);
     for (uint32_t c = 0; c < ncarried; c++)
         copy_all(in, in->slot[body->params[frame + c]->id], in->slot[i->args[1 + c]->id], i->args[1 + c]->type);
     uint64_t bytes = 0;
@@ -512,10 +514,17 @@ static bool exec_special(Interp *in, const Inst *i, const Mask *m) {
     case OP_both:
         for (uint32_t l = 0; l < in->lanes; l++) ((int32_t *)dst)[l] = m->on[l] && (l ^ 1) < in->lanes && m->on[l ^ 1];
         return true;
+    case OP_any: {
+        int32_t on = 0;
+        for (uint32_t l = 0; l < in->lanes; l++) on |= m->on[l] && ((const int32_t *)a)[l];
+        for (uint32_t l = 0; l < in->lanes; l++) ((int32_t *)dst)[l] = on;
+        return true;
+    }
     case OP_tapemark:
         for (uint32_t l = 0; l < in->lanes; l++) ((uint64_t *)dst)[l] = in->tape_top;
         return true;
     case OP_tapepush: return exec_tapepush(in, i, m);
+    case OP_tapedrop: in->tape_top = mark_of(in, i->args[0], m); return true;
     case OP_count:
         for (uint32_t l = 0; l < in->lanes; l++)
             if (((const int32_t *)a)[l] && counts(in, m, l)) in->args->counters[i->imm.i]++;

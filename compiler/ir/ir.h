@@ -238,8 +238,9 @@ uint32_t ir_nresults(const Inst *i);
 void ir_replace_arg(Inst *i, uint32_t index, Inst *value);
 void ir_append_arg(Fn *fn, Inst *i, Inst *value);
 void ir_unlink(Inst *i);
-uint32_t ir_number(Fn *fn);        /* dense ids in program order; returns the count */
-bool ir_is_numbered(const Fn *fn); /* ids are what ir_number would give */
+void ir_move_before(Inst *i, Inst *at); /* from wherever it stands */
+uint32_t ir_number(Fn *fn);             /* dense ids in program order; returns the count */
+bool ir_is_numbered(const Fn *fn);      /* ids are what ir_number would give */
 Fn *ir_clone(const Fn *fn, Arena *arena, const char *name);
 /* Clones instructions of a block to where the builder stands, with their regions, and enters each in `map`: [ninsts] of
  * the source Fn, by dense id. Operands without an entry are kept as they are (for cloning inside the same Fn). */

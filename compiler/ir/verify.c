@@ -321,8 +321,12 @@ static void check_special(Verify *v, const Inst *i) {
         want_result(v, i, (IrType)a->type);
         return;
     case OP_stands:
+    case OP_any:
     case OP_both: want_result(v, i, TY_BOOL); return;
     case OP_tapemark: want_result(v, i, TY_TAPE); return;
+    case OP_tapedrop:
+        if (a->type != TY_TAPE) problem(v, i, "operand 0 is no tape mark");
+        return;
     case OP_tapepush:
         vec_push(v->text.arena, &v->pushes, i);
         for (uint32_t k = 0; k < i->nargs; k++) want_scalar(v, i, k);
@@ -412,7 +416,8 @@ static void check_inst(Verify *v, const Inst *i) {
     if (info->special) check_special(v, i);
     else check_value(v, i);
     bool void_op = structured || i->op == OP_adj || i->op == OP_store || i->op == OP_acopy || i->op == OP_yield ||
-                   i->op == OP_tapepush || i->op == OP_count || i->op == OP_print || i->op == OP_note;
+                   i->op == OP_tapepush || i->op == OP_tapedrop || i->op == OP_count || i->op == OP_print ||
+                   i->op == OP_note;
     if (void_op && i->type != TY_VOID) problem(v, i, "has a type");
 }
 

@@ -122,9 +122,32 @@ typedef struct Carried {
     bool same;     /* the region does not change it */
 } Carried;
 
+/* The sweep of a loop without adjoints for what it hands on makes zeros of zeros: around it goes
+ *
+ *     if_ (is any of them, in any lane, not 0) { the revloop } else { drop its frames }
+ *
+ * Rays that hit nothing are not followed back. Of lanes each for itself masks would cost more than they save. Returns
+ * the if_. */
+static Inst *pass_over(Vjp *v, Inst *rev, Inst *any, const Carried *carried, uint32_t n) {
+    Builder b = ir_before(v->fn, rev);
+    Inst *guard = ir_if(&b, any), **then = ARENA_ARRAY(v->scratch, Inst *, n + 1),
+         **other = ARENA_ARRAY(v->scratch, Inst *, n + 1);
+    uint32_t kept = 0;
+    Builder in = ir_at_end(v->fn, guard->region[0]), out = ir_at_end(v->fn, guard->region[1]);
+    ir_special(&out, OP_tapedrop, TY_VOID, 1, rev->args, (Imm){0});
+    for (uint32_t c = 0; c < n; c++)
+        if (!carried[c].result) other[kept] = carried[c].init, then[kept] = NULL, kept++;
+    Inst *end = ir_yield(&in, 0, NULL);
+    ir_move_before(rev, end);
+    ir_unlink(end);
+    for (uint32_t k = 0; k < kept; k++) then[k] = ir_proj(&in, rev, k);
+    ir_yield(&in, kept, then), ir_yield(&out, kept, other);
+    return guard;
+}
+
 /* Emits revloop { reverse of `body` } where the primal region is owner's; carried[0..n) are set up with init and
- * primal. */
-static void reverse_scope(Vjp *v, Scope *s, Block *body, Carried *carried, uint32_t n) {
+ * primal. any: see pass_over; NULL: it always runs. */
+static void reverse_scope(Vjp *v, Scope *s, Block *body, Carried *carried, uint32_t n, Inst *any) {
     Ctx *outer = vjp_here(v);
     Inst *saved_before = outer->rev->before;
     Builder b = vjp_builder(v);
@@ -216,6 +239,7 @@ static void reverse_scope(Vjp *v, Scope *s, Block *body, Carried *carried, uint3
         tape_push_frame(v, s);
     }
     if (s->segment) tape_fill_rerun(v, s, mark, rev);
+    if (any && s->framed) rev = pass_over(v, rev, any, carried, n);
     Builder after = ir_after(v->fn, rev);
     kept = 0;
     for (uint32_t c = 0; c < n; c++)
@@ -228,6 +252,17 @@ static void set_result(Vjp *v, const Carried *c) {
 }
 
 /* ---- loops */
+
+/* NULL: the loop has adjoints of its own, arrays', or runs again from a checkpoint. */
+static Inst *any_seed(Vjp *v, const Scope *s, const Adjoint *seed, uint32_t n) {
+    if (v->effect[s->owner->id] || s->segment || v->o->dense) return NULL;
+    Builder b = vjp_builder(v);
+    Inst *none = ir_constb(&b, true), *zero = ir_constf(&b, 0);
+    for (uint32_t c = 0; c < n; c++)
+        if (seed[c].v) none = ir_emit2(&b, OP_band, none, ir_emit2(&b, OP_feq, seed[c].v, zero));
+    none = ir_emit1(&b, OP_bnot, none);
+    return ir_is_const(none) ? NULL : ir_special(&b, OP_any, TY_BOOL, 1, &none, (Imm){0});
+}
 
 void vjp_loop(Vjp *v, Inst *loop) {
     Block *body = loop->region[0];
@@ -277,7 +312,7 @@ void vjp_loop(Vjp *v, Inst *loop) {
     }
     for (uint32_t c = 0; c < n; c++)
         if (!carried[c].primal) v->adj[body->params[carried[c].index + 1]->id] = (Adjoint){0};
-    reverse_scope(v, s, body, carried, n);
+    reverse_scope(v, s, body, carried, n, any_seed(v, s, seed, ncarried));
     for (uint32_t c = 0; c < n; c++)
         if (carried[c].primal) set_result(v, &carried[c]);
     for (uint32_t c = 0; c < n; c++)
@@ -303,7 +338,7 @@ static void reverse_framed_region(Vjp *v, Inst *i, uint32_t r) {
         carried[u] = (Carried){
             .primal = outer.data[u], .init = a.v ? a.v : ir_constf(&b, 0), .inf = inf || a.inf, .had = a.v != NULL};
     }
-    reverse_scope(v, s, body, carried, outer.len);
+    reverse_scope(v, s, body, carried, outer.len, NULL);
     for (uint32_t u = 0; u < outer.len; u++) set_result(v, &carried[u]);
 }
 

@@ -329,17 +329,6 @@ void tape_fill_replay(Vjp *v, Scope *s) {
     walk_resolve_forwards(b);
 }
 
-static void move_before(Inst *i, Inst *at) {
-    Block *b = at->block;
-    ir_unlink(i);
-    i->block = b;
-    i->prev = at->prev;
-    i->next = at;
-    if (at->prev) at->prev->next = i;
-    else b->first = i;
-    at->prev = i;
-}
-
 void tape_fill_rerun(Vjp *v, Scope *s, Inst *mark_of_tape, Inst *rev) {
     Inst *copy = tape_forward(v, s->owner);
     find_live(v, &s->rerun_holes, copy->region[0], copy);
@@ -353,7 +342,7 @@ void tape_fill_rerun(Vjp *v, Scope *s, Inst *mark_of_tape, Inst *rev) {
         while (copy->args[a]->op == OP_COUNT) copy->args[a] = copy->args[a]->args[0];
     walk_resolve_forwards(copy->region[0]);
     /* what fills the holes was emitted here */
-    if (mark_of_tape) move_before(mark_of_tape, rev);
-    if (copy->flags & LIVE) move_before(copy, rev);
+    if (mark_of_tape) ir_move_before(mark_of_tape, rev);
+    if (copy->flags & LIVE) ir_move_before(copy, rev);
     else ir_unlink(copy);
 }

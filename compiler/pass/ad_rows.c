@@ -79,7 +79,7 @@ static void seeds_in(Seeds *s, const Block *block) {
         if (i->op == OP_loop || i->op == OP_revloop) seeds_around(s, i);
         if (i->op == OP_loop) s->mixed |= s->of[i->region[0]->last->args[0]->id] != 0;
         for (uint32_t r = 0; r < i->nregions; r++) seeds_in(s, i->region[r]);
-        if (i->op == OP_yield) continue;
+        if (i->op == OP_yield || i->op == OP_any) continue; /* it rules out what is 0 of all rows */
         if (i->op == OP_input && i->imm.i >= IN_SEED0 && i->imm.i < IN_SEED0 + SLT_MAX_CHANNELS)
             seeds = 1u << (i->imm.i - IN_SEED0);
         for (uint32_t a = 0; a < i->nargs; a++) seeds |= s->of[i->args[a]->id];

@@ -16,26 +16,16 @@ static void remap(const Lower *lo, Inst *i) {
         if (i->args[a]->id < lo->n && lo->map[i->args[a]->id]) i->args[a] = lo->map[i->args[a]->id];
 }
 
-static void move_before(Inst *i, Block *b, Inst *before) {
-    ir_unlink(i);
-    i->block = b;
-    i->next = before;
-    i->prev = before->prev;
-    if (i->prev) i->prev->next = i;
-    else b->first = i;
-    before->prev = i;
-}
-
 static void lower_block(Lower *lo, Block *b);
 
 static Inst *inline_region(Lower *lo, Inst *c) {
-    Block *body = c->region[0], *block = c->block;
+    Block *body = c->region[0];
     for (uint32_t p = 0; p < body->nparams; p++) lo->map[body->params[p]->id] = c->args[p];
     lower_block(lo, body); /* custom inside custom */
     Inst *yield = body->last;
     for (Inst *i = body->first, *next; i != yield; i = next) {
         next = i->next;
-        move_before(i, block, c);
+        ir_move_before(i, c);
     }
     Inst *behind = c->next;
     while (behind && behind->op == OP_proj && behind->args[0] == c) {

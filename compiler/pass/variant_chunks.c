@@ -56,14 +56,6 @@ static bool is_choice(const Inst *i) { return i->op == OP_fmin || i->op == OP_fm
 static bool is_read(const Inst *i) { return i->op == OP_param || i->op == OP_iparam || i->op == OP_dparam; }
 static bool in_chunk(const Inst *i) { return i->tag >= OPERATION; }
 
-static void move_before(Inst *i, Inst *at) {
-    ir_unlink(i);
-    i->block = at->block, i->prev = at->prev, i->next = at;
-    if (at->prev) at->prev->next = i;
-    else at->block->first = i;
-    at->prev = i;
-}
-
 static bool is_uniform(const Inst *i) {
     if (ir_is_const(i) || (i->op == OP_input && i->imm.i >= SLT_IN_VARYING)) return true;
     if (ir_ops[i->op].special && !is_read(i)) return false;
@@ -92,7 +84,7 @@ static bool tag_operations(Fn *fn) {
     for (Inst *i = fn->body->first, *next; i; i = next) {
         next = i->next;
         i->tag = is_uniform(i) ? UNIFORM : i->op == OP_input ? AHEAD : 0;
-        if (i->tag && stays) move_before(i, stays);
+        if (i->tag && stays) ir_move_before(i, stays);
         if (!i->tag && !stays) stays = i;
     }
     uint32_t ops = 0, choices = 0;
@@ -231,7 +223,7 @@ static Inst *make_chunk(Chunks *c, Inst *first) {
     for (Inst *i = first; i && i->id != UINT32_MAX && c->chunk[i->id] == chunk; i = next) {
         next = i->next;
         bool raw = is_raw(i), whole = is_whole(i);
-        move_before(i, run);
+        ir_move_before(i, run);
         Builder at = ir_before(fn, i);
         Inst *source[3] = {0}; /* numbers belong to what is taken, not to the taking */
         for (uint32_t a = 0; a < i->nargs && a < 3; a++) {

@@ -121,8 +121,100 @@ TEST(short_ones) {
     assert_int_equal(branches(ad_vjp(&ctx, p.fn, NULL, NULL)), 0);
 }
 
+/* ---- loops whose results have no adjoints (pass_over in ad_region.c) */
+
+/* From t0 on until t > 1: frames, as steps are not linear. */
+static Inst *march(Prog *p, Inst *t0, Inst *slope) {
+    Inst **b = loop_begin(p, 12, false, 1, &t0),
+         *t = add(p, add(p, b[1], cf(p, 0.05)), mul(p, cf(p, 0.2), mul(p, slope, tanh_(p, b[1]))));
+    loop_end(p, lt(p, t, cf(p, 1)), 1, &t, &t);
+    return t;
+}
+
+/* What comes of t where it got beyond 1; else nothing does. */
+static Inst *where_hit(Prog *p, Inst *t, Inst *factor) {
+    Inst *v;
+    if_begin(p, lt(p, cf(p, 1), t));
+    if_else(p, 1, (Inst *[]){mul(p, factor, expo(p, t))});
+    if_end(p, 1, (Inst *[]){cf(p, 0.5)}, &v);
+    return v;
+}
+
+/* Frames of each lie on those of the one before. */
+static Prog marches(Session *s) {
+    Prog p = prog_begin(s, PREC_F64, PARAMS);
+    Inst *sum = cf(&p, 0);
+    for (uint32_t k = 0; k < 3; k++)
+        sum = add(&p, sum, where_hit(&p, march(&p, input_x(&p, k & 1), par(&p, k)), par(&p, 3 + k)));
+    prog_end(&p, 1, &sum);
+    return p;
+}
+
+/* In a loop, whose own frames hold the marks, and which nobody asks for where x.x < 0. */
+static Prog marches_in_loop(Session *s) {
+    Prog p = prog_begin(s, PREC_F64, PARAMS);
+    Inst *zero = cf(&p, 0), *sum, *f, **b = loop_begin(&p, 4, false, 1, &zero),
+         *from = mul(&p, input_x(&p, 1), sine(&p, add(&p, b[1], i2f_(&p, b[0]))));
+    sum = add(&p, b[1], where_hit(&p, march(&p, from, par(&p, 1)), par(&p, 2)));
+    loop_end(&p, lt(&p, sum, cf(&p, 4)), 1, &sum, &sum);
+    if_begin(&p, lt(&p, cf(&p, 0), input_x(&p, 0)));
+    if_else(&p, 1, (Inst *[]){mul(&p, sum, sine(&p, sum))});
+    if_end(&p, 1, &zero, &f);
+    prog_end(&p, 1, &f);
+    return p;
+}
+
+static void check_passed_over(Prog p, uint32_t guards) {
+    PassCtx ctx = {.session = p.s, .has_fma = true};
+    AdOptions o = {.wrt_x = true};
+    Fn *sparse = ad_vjp(&ctx, p.fn, &o, NULL);
+    o.dense = true;
+    Fn *dense = ad_vjp(&ctx, p.fn, &o, NULL);
+    assert_int_equal(count_ops(sparse->body, OP_tapedrop), guards);
+    assert_int_equal(count_ops(dense->body, OP_any), 0);
+    clean(&ctx, sparse), clean(&ctx, dense);
+    uint64_t state = 3;
+    for (int round = 0; round < 8; round++) {
+        Run *r = random_run(p.fn, &(Check){.x_lo = -1, .x_hi = 1, .p_lo = 0.1, .p_hi = 1}, &state);
+        for (uint32_t l = 0; l < LANES; l++)
+            if (round & 1) r->seed[0][l] = l < 4 ? 0 : NAN; /* one is passed over, the other is not */
+        assert_same(sparse, dense, r);
+        free(r);
+    }
+    Check c = {.x_lo = -1, .x_hi = 1, .p_lo = 0.1, .p_hi = 1};
+    check_ad(&p, &c);
+    assert_true(c.compared > 2 * c.kinks);
+}
+
+TEST(marches_without_adjoints) {
+    check_passed_over(marches(s), 3);
+    check_passed_over(marches_in_loop(s), 2);
+}
+
+/* Which adjoints are 0 hangs on the seeds of all rows, and mixes none of them. */
+TEST(rows_stay) {
+    Prog p = prog_begin(s, PREC_F64, PARAMS);
+    Inst *c[3] = {cf(&p, 0), cf(&p, 0), cf(&p, 0)}, **b = loop_begin(&p, 5, false, 3, c), *next[3], *colour[3],
+         *kept[3];
+    for (uint32_t k = 0; k < 3; k++) kept[k] = b[k + 1];
+    Inst *k = b[0];
+    if_begin(&p, lt(&p, input_x(&p, 0), mul(&p, i2f_(&p, k), cf(&p, 0.2))));
+    for (uint32_t j = 0; j < 3; j++)
+        colour[j] = par_at(&p, 0, 15, iadd_(&p, imul_(&p, k, ci(&p, 3)), ci(&p, (int32_t)j)));
+    if_else(&p, 3, colour);
+    if_end(&p, 3, kept, next);
+    loop_end(&p, NULL, 3, next, c);
+    prog_end(&p, 3, c);
+    PassCtx ctx = {.session = s, .has_fma = true};
+    Fn *vjp = ad_vjp(&ctx, p.fn, NULL, NULL);
+    assert_int_equal(count_ops(vjp->body, OP_any), 1);
+    assert_true(ad_part_rows(vjp));
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(oracles), cmocka_unit_test(ties), cmocka_unit_test(as_dense),
-                                       cmocka_unit_test(short_ones)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(oracles),    cmocka_unit_test(ties),      cmocka_unit_test(as_dense),
+        cmocka_unit_test(short_ones), cmocka_unit_test(rows_stay), cmocka_unit_test(marches_without_adjoints),
+    };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

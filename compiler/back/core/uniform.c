@@ -89,7 +89,9 @@ static void visit(Analysis *a, Fn *fn, Block *b, bool masked) {
         case OP_constf:
         case OP_consti:
         case OP_constb:
+        case OP_any:
         case OP_tapemark:
+        case OP_tapedrop:
         case OP_alloc:
         case OP_yield:
         case OP_arg:

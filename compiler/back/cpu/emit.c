@@ -213,6 +213,7 @@ static void setup_block(Emit *e, const Block *b) {
             break;
         case OP_tapemark:
         case OP_tapepush:
+        case OP_tapedrop:
         case OP_revloop:
             if (!e->tape_top) {
                 pointer_field(e, &e->tape, offsetof(SltKernelArgs, tape));

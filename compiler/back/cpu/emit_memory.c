@@ -60,6 +60,17 @@ Part emit_counting_lanes(Emit *e, uint32_t p, Part cond) {
     return cond ? LL(BuildAnd)(e->b, m, cond, "") : m;
 }
 
+static void emit_any_lane(Emit *e, Inst *i) {
+    if (!emit_is_vector(e, i->args[0])) {
+        emit_slot(e, i)[0] = emit_scalar(e, i->args[0]);
+        return;
+    }
+    Part on[BACK_MAX_PARTS];
+    emit_parts(e, i->args[0], on);
+    emit_and_mask(e, on, on);
+    emit_slot(e, i)[0] = emit_any(e, on);
+}
+
 void emit_memory_op(Emit *e, Inst *i) {
     switch (i->op) {
     case OP_param:
@@ -73,11 +84,13 @@ void emit_memory_op(Emit *e, Inst *i) {
     case OP_store: emit_array_store(e, i); break;
     case OP_acopy: emit_array_copy(e, i); break;
     case OP_tapemark: emit_slot(e, i)[0] = emit_load(e, e->t_i64, e->tape_top, 8, false); break;
+    case OP_tapedrop: emit_store(e, emit_scalar(e, i->args[0]), e->tape_top, 8); break;
     case OP_tapepush: emit_tapepush(e, i); break;
     case OP_partner:
         if (emit_is_vector(e, i)) emit_partner(e, emit_slot(e, i->args[0]), emit_slot(e, i));
         else emit_slot(e, i)[0] = emit_scalar(e, i->args[0]);
         break;
+    case OP_any: emit_any_lane(e, i); break;
     case OP_both: emit_both(e, i); break;
     case OP_give: emit_give(e, i); break;
     case OP_take: emit_take(e, i); break;
