@@ -94,10 +94,12 @@ static bool is_handed(const Chunk *c, const Inst *adjoint) {
 static void reverse_chunk(Vjp *v, const Chunk *c, Inst *any) {
     Ctx *outer = vjp_here(v);
     Builder b = vjp_builder(v);
-    Inst *zero = ir_constf(&b, 0), *guard = ir_if(&b, any);
+    Inst *zero = ir_constf(&b, 0), *guard = ir_if(&b, any), *saved_before = outer->rev->before;
     RevBlock inner = {guard->region[0], NULL};
-    vjp_push(v, outer->primal, &inner, outer->scope);
+    vjp_push(v, NULL, &inner, outer->scope); /* primal values that it asks for others may ask for, too */
+    outer->rev->before = guard;
     vjp_run(v, c->first, c->last);
+    outer->rev->before = saved_before;
     vjp_pop(v);
     uint32_t n = 0;
     Inst **then = ARENA_ARRAY(v->scratch, Inst *, c->read.len + 1),
@@ -131,4 +133,36 @@ Inst *vjp_chunk(Vjp *v, Inst *last) {
     if (any && !ir_is_const(any)) reverse_chunk(v, &c, any);
     else vjp_run(v, c.first, c.last);
     return prev;
+}
+
+/* ---- gates, in loops: what makes the operand of a min, a max or a choice, and nothing else. Its adjoint is 0 wherever
+ * the other operand was taken: a disc is reversed where its edge is, not where a clamp is flat. */
+
+/* In instructions: what the sweep does for i. */
+static uint32_t work_of(const Vjp *v, const Inst *i) {
+    enum { SUM = 6 /* over lanes, into memory */ };
+    if (i->op == OP_param) return ad_slot_in_wrt(v->o, i) ? SUM : 0;
+    return is_reversed(v, i) ? ir_ops[i->op].cost : 0;
+}
+
+bool vjp_gate(Vjp *v, const Inst *ahead, Inst *last, Inst **next) {
+    enum { MIN_WORK = 24 }; /* a test and a branch, which may go wrong */
+    Chunk c = {.first = last, .last = last};
+    uint32_t work = 0;
+    for (Inst *i = last; i && i != ahead && is_straight(i); i = i->prev) {
+        if (i->id >= v->f.n) continue;
+        if (i != last && v->adj[i->id].v) break;
+        c.first = i, work += work_of(v, i);
+    }
+    if (v->o->dense || vjp_here(v)->scope->top || !v->adj[last->id].v || work < MIN_WORK) return false;
+    v->stamps++;
+    vec_push(v->scratch, &c.handed, v->adj[last->id].v);
+    for (Inst *i = last; i; i = i == c.first ? NULL : i->prev)
+        if (i->id < v->f.n && i->type == TY_FLT && ad_active(&v->f, i)) note_reads(v, &c, i);
+    Builder b = vjp_builder(v);
+    Inst *any = any_adjoint(&c, &b);
+    if (ir_is_const(any)) return false;
+    v->gated[last->id] = false, *next = c.first->prev;
+    reverse_chunk(v, &c, ir_special(&b, OP_any, TY_BOOL, 1, &any, (Imm){0}));
+    return true;
 }

@@ -84,6 +84,7 @@ typedef struct Vjp {
     uint8_t *want;    /* by id: some rule mentions it */
     uint8_t *effect;  /* by id: an if_ or loop that writes active arrays */
     uint8_t *taped;   /* by id: a loop with something active in it */
+    uint8_t *gated;   /* by id: what its adjoint is made of came through min, max or select, and is often 0 */
     uint8_t *stable;  /* by id of a load: its array is not written any more after the load */
     uint32_t *stamp;  /* by id: `stamps` of the walk that saw the value last */
     uint32_t stamps;
@@ -119,6 +120,9 @@ void vjp_loop(Vjp *v, Inst *i);
 bool vjp_is_sparse(const Vjp *v, const Block *b);
 /* Emits the reverse of the chunk that ends with `last`; returns what stands ahead of it, or NULL. */
 Inst *vjp_chunk(Vjp *v, Inst *last);
+/* Emits the reverse of what makes the gated value `last`, and stands behind `ahead`, in an if_; *next is what comes
+ * then. False: it is too little, and nothing is emitted. */
+bool vjp_gate(Vjp *v, const Inst *ahead, Inst *last, Inst **next);
 
 /* ad_tape.c */
 Inst *tape_value(Vjp *v, Inst *primal);

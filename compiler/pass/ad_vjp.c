@@ -98,6 +98,8 @@ static void reverse_acopy(Vjp *v, Inst *i) {
 
 /* ---- the sweep */
 
+static bool is_gate(const Inst *i) { return i->op == OP_fmin || i->op == OP_fmax || i->op == OP_fsel; }
+
 static void reverse_row(Vjp *v, Inst *i) {
     Adjoint g = v->adj[i->id];
     if (!g.v || !ad_active(&v->f, i)) return;
@@ -105,6 +107,8 @@ static void reverse_row(Vjp *v, Inst *i) {
         if (i->args[a]->type != TY_FLT || !ad_active(&v->f, i->args[a])) continue;
         v->rule.b = vjp_builder(v);
         v->rule.b.span = i->span;
+        const uint32_t x = i->args[a]->id;
+        v->gated[x] = is_gate(i) && (v->gated[x] || !v->adj[x].v);
         vjp_add(v, i->args[a], ad_partial(&v->rule, i, a, ad_seed(g.v, g.inf)));
     }
 }
@@ -143,10 +147,12 @@ static void reverse_inst(Vjp *v, Inst *i) {
 
 void vjp_run(Vjp *v, const Inst *first, Inst *last) {
     /* The sweep also adds code to the forward part: ids tell it apart. */
-    const Inst *ahead = first->prev;
+    Inst *const ahead = first->prev;
     for (Inst *i = last, *prev; i != ahead; i = prev) {
         prev = i->prev;
-        if (i->id < v->f.n && i->op != OP_yield) reverse_inst(v, i);
+        if (i->id >= v->f.n || i->op == OP_yield) continue;
+        if (v->gated[i->id] && !is_gate(i) && vjp_gate(v, ahead, i, &prev)) continue;
+        reverse_inst(v, i);
     }
 }
 
@@ -196,6 +202,7 @@ static void sweep(Vjp *v, const Fn *primal) {
     v->fwd = ARENA_ARRAY(v->scratch, Inst *, v->f.n + 1);
     v->run = ARENA_ARRAY(v->scratch, Inst *, v->f.n + 1);
     v->want = ARENA_ARRAY(v->scratch, uint8_t, v->f.n + 1);
+    v->gated = ARENA_ARRAY(v->scratch, uint8_t, v->f.n + 1);
     v->stable = ARENA_ARRAY(v->scratch, uint8_t, v->f.n + 1);
     v->stamp = ARENA_ARRAY(v->scratch, uint32_t, v->f.n + 1);
     v->any_inf = ad_makes_infinite(&v->f, fn->body);

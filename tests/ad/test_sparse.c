@@ -121,7 +121,7 @@ TEST(short_ones) {
     assert_int_equal(branches(ad_vjp(&ctx, p.fn, NULL, NULL)), 0);
 }
 
-/* ---- loops whose results have no adjoints (pass_over in ad_region.c) */
+/* ---- loops whose results have no adjoints (pass_over in ad_region.c), and gates in loops */
 
 /* From t0 on until t > 1: frames, as steps are not linear. */
 static Inst *march(Prog *p, Inst *t0, Inst *slope) {
@@ -164,13 +164,32 @@ static Prog marches_in_loop(Session *s) {
     return p;
 }
 
-static void check_passed_over(Prog p, uint32_t guards) {
+/* Soft discs, whose edges have adjoints where the clamp is not flat; the second clamp of one reads what the first made.
+ */
+static Prog soft_discs(Session *s) {
+    Prog p = prog_begin(s, PREC_F64, PARAMS);
+    Inst *init[2] = {cf(&p, 1), cf(&p, 0)}, *sum, **b = loop_begin(&p, 8, false, 2, init), *k = b[0], *d[2];
+    for (uint32_t j = 0; j < 2; j++) d[j] = sub(&p, input_x(&p, (int)j), par_at(&p, 16 * j, 8, k));
+    Inst *dist = root(&p, add(&p, add(&p, mul(&p, d[0], d[0]), mul(&p, d[1], d[1])), cf(&p, 0.01)));
+    Inst *t = mx(&p, mn(&p, mul(&p, sub(&p, par_at(&p, 32, 8, k), dist), cf(&p, 4)), cf(&p, 1)), cf(&p, 0));
+    Inst *u = sel(&p, lt(&p, t, cf(&p, 0.5)), cf(&p, 0.25),
+                  mul(&p, sine(&p, mul(&p, t, par_at(&p, 40, 8, k))), root(&p, add(&p, t, cf(&p, 0.1)))));
+    Inst *a = mul(&p, t, u), *next[2] = {mul(&p, b[1], sub(&p, cf(&p, 1), a)),
+                                         add(&p, b[2], mul(&p, mul(&p, b[1], a), par_at(&p, 48, 8, k)))};
+    loop_end(&p, lt(&p, cf(&p, 0.01), next[0]), 2, next, init);
+    sum = add(&p, init[0], init[1]);
+    prog_end(&p, 1, &sum);
+    return p;
+}
+
+static void check_passed_over(Prog p, uint32_t loops, uint32_t gates) {
     PassCtx ctx = {.session = p.s, .has_fma = true};
     AdOptions o = {.wrt_x = true};
     Fn *sparse = ad_vjp(&ctx, p.fn, &o, NULL);
     o.dense = true;
     Fn *dense = ad_vjp(&ctx, p.fn, &o, NULL);
-    assert_int_equal(count_ops(sparse->body, OP_tapedrop), guards);
+    assert_int_equal(count_ops(sparse->body, OP_tapedrop), loops);
+    assert_int_equal(count_ops(sparse->body, OP_any), loops + gates);
     assert_int_equal(count_ops(dense->body, OP_any), 0);
     clean(&ctx, sparse), clean(&ctx, dense);
     uint64_t state = 3;
@@ -186,9 +205,10 @@ static void check_passed_over(Prog p, uint32_t guards) {
     assert_true(c.compared > 2 * c.kinks);
 }
 
-TEST(marches_without_adjoints) {
-    check_passed_over(marches(s), 3);
-    check_passed_over(marches_in_loop(s), 2);
+TEST(without_adjoints) {
+    check_passed_over(marches(s), 3, 0);
+    check_passed_over(marches_in_loop(s), 2, 0);
+    check_passed_over(soft_discs(s), 1, 2);
 }
 
 /* Which adjoints are 0 hangs on the seeds of all rows, and mixes none of them. */
@@ -214,7 +234,7 @@ TEST(rows_stay) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(oracles),    cmocka_unit_test(ties),      cmocka_unit_test(as_dense),
-        cmocka_unit_test(short_ones), cmocka_unit_test(rows_stay), cmocka_unit_test(marches_without_adjoints),
+        cmocka_unit_test(short_ones), cmocka_unit_test(rows_stay), cmocka_unit_test(without_adjoints),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

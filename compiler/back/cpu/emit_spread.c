@@ -65,6 +65,7 @@ static bool can_spread(Emit *e, Spread *s, const Block *b) {
         case OP_proj:
         case OP_yield:
         case OP_if_:
+        case OP_any:
         case OP_told:
         case OP_param:
         case OP_iparam: break;
