@@ -237,7 +237,9 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
     of_value.no_value = ir_has(value->body, OP_told);
     for (int k = 0; k < K_KINDS; k++) {
         if (!needs[k] || (k != K_VJP && k != K_VJP_GUARDED)) continue;
-        out->fn[k] = ad_vjp(ctx, value, &of_value, &out->tape[k]);
+        Fn *swept = ir_clone(value, value->arena, value->name);
+        pass_run(ctx, PASS_NEEDS_PRIMAL, swept, PASS_opt_idle);
+        out->fn[k] = ad_vjp(ctx, swept, &of_value, &out->tape[k]);
         ad_part_rows(out->fn[k]);
     }
     if (jumps) {

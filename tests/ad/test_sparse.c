@@ -211,6 +211,31 @@ TEST(without_adjoints) {
     check_passed_over(soft_discs(s), 1, 2);
 }
 
+/* Iterations that a flat clamp leaves without effect (opt_idle.c): the same derivatives, and frames of the others only.
+ */
+TEST(idle_iterations) {
+    PassCtx ctx = {.session = s, .has_fma = true};
+    AdOptions o = {.wrt_x = true};
+    Prog p = soft_discs(s);
+    Fn *idle = ir_clone(p.fn, &s->module, "idle");
+    assert_true(opt_idle(&ctx, idle));
+    assert_sound(idle);
+    Fn *sparse = ad_vjp(&ctx, idle, &o, NULL);
+    o.dense = true;
+    Fn *dense = ad_vjp(&ctx, p.fn, &o, NULL);
+    clean(&ctx, sparse), clean(&ctx, dense);
+    uint64_t state = 4;
+    for (int round = 0; round < 8; round++) {
+        Run *r = random_run(p.fn, &(Check){.x_lo = -1, .x_hi = 1, .p_lo = 0.1, .p_hi = 1}, &state);
+        assert_same(sparse, dense, r);
+        for (uint32_t k = 0; k < 8; k++) r->params[32 + k] = -9; /* all clamps are flat: no frames */
+        r->tape_bytes = 64;
+        assert_int_equal(run_fn(dense, r, 0, LANES, LANES), SLT_LIMIT);
+        assert_int_equal(run_fn(sparse, r, 0, LANES, LANES), SLT_OK);
+        free(r);
+    }
+}
+
 /* Which adjoints are 0 hangs on the seeds of all rows, and mixes none of them. */
 TEST(rows_stay) {
     Prog p = prog_begin(s, PREC_F64, PARAMS);
@@ -233,8 +258,9 @@ TEST(rows_stay) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(oracles),    cmocka_unit_test(ties),      cmocka_unit_test(as_dense),
-        cmocka_unit_test(short_ones), cmocka_unit_test(rows_stay), cmocka_unit_test(without_adjoints),
+        cmocka_unit_test(oracles),          cmocka_unit_test(ties),      cmocka_unit_test(as_dense),
+        cmocka_unit_test(short_ones),       cmocka_unit_test(rows_stay), cmocka_unit_test(idle_iterations),
+        cmocka_unit_test(without_adjoints),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
