@@ -14,6 +14,8 @@
 #include "saltus/saltus.h"
 
 enum { CLI_MAX_LIST = 256, CLI_MAX_KEPT = 8 * CLI_MAX_LIST, CLI_MAX_COMPONENTS = 64 };
+/* Bytes by which heaps grow: addresses alone, of which the system gives pages that are touched. */
+enum { CLI_HEAP = 16 << 20 };
 
 typedef struct Assign {
     const char *name, *value;

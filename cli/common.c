@@ -417,6 +417,7 @@ int cli_prepare_job(Cli *c, SltProgram *p) {
                          c->job.size[0], c->job.size[1], c->job.size[2], slt_channels(p));
     }
     p->few_samples = has_few_samples(c, p);
+    p->side_room = CLI_HEAP;
     return SLT_OK;
 }
 

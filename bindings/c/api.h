@@ -54,6 +54,7 @@ struct SltProgram {
     uint32_t most_site_size;      /* VariantOptions.most_site_size */
     bool few_samples; /* kernels will run for milliseconds: one vector a value, which compiles in half the time. Not
                          where they add up adjoints: in which order hangs on the lanes */
+    size_t side_room; /* Side.room: of whoever keeps what is freed */
     bool ready;       /* compiled, with values: else only diagnostics may be asked for */
 
     double *floats; /* [nfloats]: the values; of derived arrays the last that were computed */

@@ -114,7 +114,7 @@ SltStatus api_call_begin(ApiCall *c, SltProgram *p, const SltJob *job, SltStats 
     if (stats) c->stats = &c->own, c->theirs = stats;
     for (uint32_t d = slt_dim(p); d < 3; d++) c->job.size[d] = 1; /* those axes do not count */
     p->threads = c->job.threads;
-    side_begin(&c->side, pool_threads(c->job.threads, 2) > 1);
+    side_begin(&c->side, pool_threads(c->job.threads, 2) > 1, p->side_room);
     p->scene.side = &c->side;
     take_floats(p, c->job.floats);
     return take_ints(p, c->job.ints, &c->ints, err);

@@ -328,7 +328,7 @@ static void find_scale(void *arg) {
  * wait; what geometries say of their queries is for one thread at a time. */
 static void notes_begin(Noted *n, ApiCall *c, bool beside) {
     *n = (Noted){.c = c};
-    n->work = (SideWork){.run = find_scale, .arg = n};
+    n->work = (SideWork){.run = find_scale, .arg = n, .yields = true}; /* nothing waits for it until the end */
     if (!c->stats) return;
     note_places(c, true);
     n->job = c->job;

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "runtime/quadrature/cells_inner.h"
+#include "runtime/sample/alloc.h"
 
 /* ---- memory */
 bool cells_grow(Cells *c, void *array, uint32_t *cap, uint32_t need, size_t size) {
@@ -45,7 +46,7 @@ Cells *cells_new(Batch *b, const double lo[3], const double hi[3]) {
     made &= cells_grow(c, &c->cell, &c->cell_cap, CELL_BOXES, sizeof *c->cell);
     made &= (c->straight = calloc(c->s->nsites + 1, 1)) != NULL;
     /* What a curve does not set of its crossings stays 0. */
-    for (int r = 0; r < CELL_RULES; r++) made &= (c->crossing[r] = calloc(BATCH, sizeof *c->crossing[r])) != NULL;
+    for (int r = 0; r < CELL_RULES; r++) made &= (c->crossing[r] = alloc_sparse(BATCH, sizeof *c->crossing[r])) != NULL;
     for (int r = 0; r < CELL_POINTS; r++) made &= (c->point[r] = malloc(BATCH * sizeof *c->point[r])) != NULL;
     if (made) return c;
     cells_free(c);

@@ -23,6 +23,22 @@ static inline void alloc_pages(void *p, size_t bytes) {
     (void)p, (void)bytes;
 }
 
+/* Zeroed memory of which little may be written: its pages are given back to the system, which gives those that are
+ * touched. calloc clears all that is not fresh, and takes for used what a heap has in store. */
+static inline void *alloc_sparse(size_t n, size_t size) {
+    const size_t bytes = n * size;
+    unsigned char *p = bytes < ALLOC_FEW ? NULL : malloc(bytes);
+    if (!p) return alloc_zero(n, size);
+#if defined(__linux__)
+    const size_t before = -(uintptr_t)p % ALLOC_PAGE, inner = (bytes - before) / ALLOC_PAGE * ALLOC_PAGE;
+    if (!madvise(p + before, inner, MADV_DONTNEED)) {
+        memset(p, 0, before), memset(p + before + inner, 0, bytes - before - inner);
+        return p;
+    }
+#endif
+    return memset(p, 0, bytes);
+}
+
 /* Zeroed memory that is written from end to end. */
 static inline void *alloc_dense(size_t n, size_t size) {
     const size_t bytes = n * size;

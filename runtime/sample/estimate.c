@@ -481,6 +481,9 @@ static void sample(void *arg) {
     m->run.stats.seconds_interior += pool_now() - t;
 }
 
+/* No more samples than these, whatever comes of them. */
+static bool is_one_go(const SltJob *j) { return !(j->error > 0 || j->abs_error > 0) && !j->max_evaluations; }
+
 /* Few samples, which are no work for several threads, may run beside lines, which say how far they are; not those that
  * print: that is for one thread at a time. */
 static SltStatus smooth_begin(Smooth *m, const Run *r, bool lines) {
@@ -490,6 +493,7 @@ static SltStatus smooth_begin(Smooth *m, const Run *r, bool lines) {
     m->run = *r, m->run.err = &m->err, m->run.pool.progress = NULL, m->begun = true;
     m->work = (SideWork){.run = sample, .arg = m};
     m->aside = lines && small && worth && !r->s->print && side_add(r->s->side, &m->work);
+    if (is_one_go(r->j)) side_last(r->s->side);
     if (m->aside) return SLT_OK;
     m->run.pool.progress = r->pool.progress, m->run.pool.to = 0.7;
     sample(m);

@@ -56,7 +56,7 @@ bool near_aims(const double g[4], const double pos[4], double at[NEAR_AIMS]) {
 }
 
 static void add(Worker *w, const Candidate *c) {
-    if (!w->probes && !(w->probes = alloc_zero(1, sizeof(Probes)))) {
+    if (!w->probes && !(w->probes = alloc_sparse(1, sizeof(Probes)))) {
         w->finder.failed = true;
         return;
     }

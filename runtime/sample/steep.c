@@ -299,7 +299,7 @@ static bool probe_init(SteepProbe *p, const SltScene *s, const Grid *g, double n
     for (uint32_t d = 0; d < 3; d++) p->quiet.layout[SLT_K_VALUE].reads |= (uint64_t)1 << (SLT_IN_X0 + d);
     p->quiet.layout[SLT_K_VALUE].reads |= (uint64_t)1 << SLT_IN_STREAM | (uint64_t)1 << SLT_IN_RAND0;
     /* What look_along adds before the best are kept. */
-    p->step = alloc_zero(p->room + (size_t)BATCH * s->channels, sizeof *p->step);
+    p->step = alloc_sparse(p->room + (size_t)BATCH * s->channels, sizeof *p->step);
     bool ok = p->step && batch_init(&p->batch, p->s, g);
     p->batch.again = true; /* what they count has been counted by the estimate */
     return ok;
