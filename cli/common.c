@@ -342,6 +342,14 @@ int cli_set_values(Cli *c, SltProgram *p) {
     return status == SLT_OK ? SLT_OK : cli_fail(c, &err);
 }
 
+void cli_end_program(SltProgram *p) {
+#ifdef SALTUS_SANITIZE
+    slt_program_free(p);
+#else
+    (void)p;
+#endif
+}
+
 int cli_compile(Cli *c, SltProgram **out) {
     SltError err = {0}, read = {0};
     uint8_t *values = NULL;

@@ -85,17 +85,17 @@ static int grad_integral(Cli *c, SltProgram *p) {
     SltStats stats = SLT_STATS_INIT;
     uint32_t ch = slt_channels(p);
     size_t n = (size_t)ch * slt_float_count(p) + 1;
-    double *all = calloc(6 * n, sizeof *all), value[4] = {0}, value_se[4] = {0};
+    double *all = calloc((c->json ? 6 : 4) * n, sizeof *all), value[4] = {0}, value_se[4] = {0};
     if (!all) return cli_error(SLT_LIMIT, "out of memory");
     SltIntegral out = {.struct_size = sizeof out,
                        .value = value,
                        .value_stderr = value_se,
                        .gradient = all,
                        .gradient_stderr = all + n,
-                       .interior = c->json ? all + 2 * n : NULL,
-                       .boundary = c->json ? all + 3 * n : NULL,
-                       .missed_estimate = all + 4 * n,
-                       .left_bound = all + 5 * n};
+                       .missed_estimate = all + 2 * n,
+                       .left_bound = all + 3 * n,
+                       .interior = c->json ? all + 4 * n : NULL,
+                       .boundary = c->json ? all + 5 * n : NULL};
     Progress pr;
     progress_begin(&pr, c, "grad");
     c->job.progress = progress_job, c->job.progress_user = &pr;
@@ -391,6 +391,6 @@ int verb_grad(Cli *c) {
     if (status == SLT_OK && !image && !c->job.integral) status = take_size(c, p);
     if (status == SLT_OK) status = cli_prepare_job(c, p);
     if (status == SLT_OK) status = image ? grad_images(c, p) : c->job.integral ? grad_integral(c, p) : grad_loss(c, p);
-    slt_program_free(p);
+    cli_end_program(p);
     return status;
 }

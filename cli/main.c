@@ -48,5 +48,9 @@ int main(int argc, char **argv) {
     if (status == CLI_HELPED || status == SLT_STOPPED) status = SLT_OK;
     if ((fflush(stdout) != 0 || ferror(stdout)) && status == SLT_OK)
         status = cli_error(SLT_OUTPUT, "standard output could not be written");
-    return status;
+#ifdef SALTUS_SANITIZE
+    return status; /* which looks for what is left */
+#else
+    _exit(status); /* what else is to be done at the end of a process, as by LLVM, is to free memory */
+#endif
 }

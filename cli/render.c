@@ -155,6 +155,6 @@ int verb_render(Cli *c) {
     SltProgram *p;
     int status = cli_compile(c, &p);
     if (status == SLT_OK) status = render(c, p);
-    slt_program_free(p);
+    cli_end_program(p);
     return status;
 }

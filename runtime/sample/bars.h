@@ -23,9 +23,10 @@ void bars_of_rows(const double *rows, const double *other, uint32_t n, uint64_t 
 enum { BARS_FEWEST = 4 };
 #define BARS_PLANE 0.3
 #define BARS_SPACE 0.05
-/* Add the error of the boundary term (sketches are due), and what is missed of it, to bars of the interior. */
+/* Add the error of the boundary term (sketches are due), and what is missed of it, to bars of the interior; mean: of
+ * what is missed, where it is wanted. */
 void bars_add_boundary(const Replicates *k, double part, double *error);
-void bars_add_missed(const Replicates *k, double *error);
+void bars_add_missed(const Replicates *k, double *mean, double *error);
 /* Weights of crossings that are denormals in single precision are off by half a step of those each, all alike: of the
  * derivatives [nfloats] of one channel, with so many crossings a replicate, each of about so much for a speed of 1. */
 void bars_add_denormals(const double *gradient, uint32_t nfloats, double crossings, double weight, double *error);

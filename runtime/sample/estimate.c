@@ -577,9 +577,9 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         }
         bars_of_rows(k.interior, NULL, k.n, k.size, out->interior, NULL);
         bars_of_rows(k.boundary, NULL, k.n, k.size, out->boundary, NULL);
-        bars_of_rows(k.missed, NULL, k.n, k.size, out->missed_estimate, NULL);
         for (uint64_t i = 0; i < k.size && out->gradient_stderr; i++) out->gradient_stderr[i] += fabs(k.half[i]) / k.n;
-        if (out->gradient_stderr) bars_add_missed(&k, out->gradient_stderr);
+        if (out->gradient_stderr) bars_add_missed(&k, out->missed_estimate, out->gradient_stderr);
+        else bars_of_rows(k.missed, NULL, k.n, k.size, out->missed_estimate, NULL);
         if (out->gradient && out->gradient_stderr)
             r.stats.singular =
                 tails_add(&tails, (double)r.stats.samples, k.n, s->nfloats, out->gradient, out->gradient_stderr);

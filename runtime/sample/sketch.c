@@ -1,5 +1,6 @@
 /* Random sums of second differences of lines: sketch.h. */
 #include <math.h>
+#include <stdbool.h>
 
 #include "runtime/base/rng.h"
 #include "runtime/sample/sketch.h"
@@ -60,10 +61,15 @@ void sketch_weights_spread(const Sketch *k, uint32_t line, int axis, double weig
 }
 
 void sketch_variances(const double *sketch, uint64_t stride, uint32_t replicates, uint32_t n, double *variance) {
+    const bool power_of_two = !(replicates & (replicates - 1));
+    const double part = 1.0 / replicates;
     for (uint32_t i = 0; i < n; i++) variance[i] = 0;
     for (uint32_t q = 0; q < SKETCHES; q++) {
         const double *of = sketch + q * stride;
-        for (uint32_t i = 0; i < n; i++) variance[i] += of[i] / replicates * (of[i] / replicates);
+        if (power_of_two) /* the same, in less time */
+            for (uint32_t i = 0; i < n; i++) variance[i] += of[i] * part * (of[i] * part);
+        else
+            for (uint32_t i = 0; i < n; i++) variance[i] += of[i] / replicates * (of[i] / replicates);
     }
     for (uint32_t i = 0; i < n; i++) variance[i] /= 24; /* a jump counts twice, and errs by its twelfth */
 }
