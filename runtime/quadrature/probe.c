@@ -66,7 +66,7 @@ static bool ask(void *user, uint32_t worker, uint64_t share) {
     Asking *a = user;
     Batch *b = &a->worker[worker].batch;
     const uint32_t first = (uint32_t)share * a->share;
-    if (!b->s && !batch_init(b, a->s, a->grid)) return false;
+    if (!b->s && !batch_init_few(b, a->s, a->grid, a->share)) return false;
     for (uint32_t i = 0; i < a->share; i++) {
         double lo[3] = {0}, hi[3] = {0};
         box_at(b->s, (first + i) % POINTS, (first + i) / POINTS, lo, hi);

@@ -12,7 +12,9 @@
 enum { POISON = 0xff /* of all bytes: NaN, -1 */ };
 
 /* Of an input or output: of floats, which integers are no longer than. */
-static size_t slot_bytes(const Batch *b) { return (BATCH + SLT_PAD) * (b->f64 ? sizeof(double) : sizeof(float)); }
+static size_t slot_bytes(const Batch *b) {
+    return (b->most + (size_t)SLT_PAD) * (b->f64 ? sizeof(double) : sizeof(float));
+}
 
 /* A slot for every input that some kernel reads, and for as many outputs as a kernel has; one more takes what is
  * written to inputs that none reads. Inputs are 0: one that nobody writes must still be a valid number. */
@@ -78,8 +80,11 @@ static void make_tape(Batch *b, uint64_t bytes) {
     } while (!b->tape && bytes > least);
 }
 
-bool batch_init(Batch *b, const SltScene *s, const Grid *g) {
+bool batch_init(Batch *b, const SltScene *s, const Grid *g) { return batch_init_few(b, s, g, BATCH); }
+
+bool batch_init_few(Batch *b, const SltScene *s, const Grid *g, uint32_t most) {
     memset(b, 0, sizeof *b);
+    b->most = most <= BATCH ? (most + SLT_PAD - 1) / SLT_PAD * SLT_PAD : BATCH;
     b->s = s, b->f64 = s->f64, b->grid = g, b->fill = fill_best();
     b->pixels = g && !g->integral;
     assert(s->channels <= SLT_MAX_CHANNELS && scene_outputs(s, SLT_K_REGION, SLT_OUT_WITNESS) <= SLT_WITNESSES);
@@ -238,7 +243,7 @@ static bool searches(SltKernelKind kind) {
 }
 
 static void call(Batch *b, SltKernelKind kind, SltKernel *kernel, uint32_t n) {
-    assert(kernel && n <= BATCH);
+    assert(kernel && n <= b->most);
     if (kernel == slt_kernel_late && !(kernel = b->s->make(b->s->make_user, (int)kind))) {
         batch_stop(b, kind);
         return;

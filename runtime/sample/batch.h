@@ -17,6 +17,7 @@ typedef struct Batch {
     SltKernelArgs args;
     bool f64, pixels; /* pixels: some kernel asks for pixel(), and batch_set_x sets it */
     bool streams;     /* some kernel reads random numbers, and batch_set_stream sets where they come from */
+    uint32_t most;    /* samples of a call */
     const Grid *grid;
     const Fill *fill;
     struct CullLists *lists; /* those of args.cull, where they may be shortened for a few samples (cull.h) */
@@ -32,13 +33,15 @@ typedef struct Batch {
     bool again; /* the samples have been through a kernel that counts: cuts and failed asserts must not count twice */
 } Batch;
 bool batch_init(Batch *b, const SltScene *s, const Grid *g);
+/* For calls of up to so many samples: all arrays lie on a few pages then. */
+bool batch_init_few(Batch *b, const SltScene *s, const Grid *g, uint32_t most);
 /* For calls to come: this is what runs, and there its choices are noted. NULL: everything, and nowhere. */
 void batch_prune(Batch *b, const SltPruned *pruned, uint64_t *choices);
 void batch_free(Batch *b);
 void batch_collect(Batch *b, SltStats *t); /* adds the counts of all calls to t, and sets them to 0 */
 /* Does some kernel read the input? */
 static inline bool batch_wants(const Batch *b, uint32_t slot) { return b->reads >> slot & 1; }
-/* Input `slot` (an SltInput) from sample i on: of floats (of the program's precision), of integers. Behind BATCH there
+/* Input `slot` (an SltInput) from sample i on: of floats (of the program's precision), of integers. Behind `most` there
  * is room for FILL_OVER more. */
 static_assert((int)FILL_OVER <= (int)SLT_PAD, "rows are filled in whole vectors");
 static inline void *batch_row(const Batch *b, uint32_t slot, uint32_t i) {
@@ -47,12 +50,12 @@ static inline void *batch_row(const Batch *b, uint32_t slot, uint32_t i) {
 static inline void *batch_row_int(const Batch *b, uint32_t slot, uint32_t i) { return (int32_t *)b->args.in[slot] + i; }
 /* Input `slot` of sample i. */
 static inline void batch_set(Batch *b, uint32_t slot, uint32_t i, double v) {
-    assert(slot < SLT_IN_VARYING && i < BATCH + SLT_PAD);
+    assert(slot < SLT_IN_VARYING && i < b->most + SLT_PAD);
     if (b->f64) ((double *)b->args.in[slot])[i] = v;
     else ((float *)b->args.in[slot])[i] = (float)v;
 }
 static inline void batch_set_int(Batch *b, uint32_t slot, uint32_t i, int32_t v) {
-    assert(slot < SLT_IN_VARYING && i < BATCH + SLT_PAD);
+    assert(slot < SLT_IN_VARYING && i < b->most + SLT_PAD);
     ((int32_t *)b->args.in[slot])[i] = v;
 }
 /* Input `slot` of samples i .. i + n - 1, all the same. */

@@ -37,7 +37,7 @@ SltStatus cull_boxes(CullBoxes *c, const SltScene *s, SltError *err) {
     }
     Batch b;
     CullBox *box = malloc(((size_t)most + 1) * sizeof *box);
-    bool memory = batch_init(&b, s, NULL) && box && (c->grid = alloc_zero(s->ncull, sizeof *c->grid));
+    bool memory = batch_init_few(&b, s, NULL, most) && box && (c->grid = alloc_zero(s->ncull, sizeof *c->grid));
     if (memory) c->n = s->ncull, c->nlists = s->nlists > s->ncull ? s->nlists : s->ncull, c->count = s->cull_count;
     for (uint32_t i = 0; i < c->n && memory; i++) {
         ask_boxes(&b, i, c->count[i], box);

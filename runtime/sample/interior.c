@@ -326,7 +326,7 @@ static void plain_merge(void *user, uint32_t worker, uint64_t tile) {
 static SltStatus make_image(Run *r, uint32_t half, float *image, float *other) {
     Interior p = {.image = image, .other = other, .classes = 1};
     plan(&p, r, half, prune_can(r->s) ? prune_tile(r->grid.dim, r->grid.n) : tile_side(r, 32));
-    SltStatus st = run_workers(r, p.ntiles, 0, SINK_KEEP);
+    SltStatus st = run_workers(r, p.ntiles, 0, SINK_NONE);
     if (st == SLT_OK) st = run_tiles(r, p.ntiles, value_work, plain_merge, &p);
     run_free_workers(r);
     return st;
@@ -493,7 +493,7 @@ SltStatus interior_reverse(Run *r, const float *const adjoint[2], uint32_t class
     if (adjoint[0] != adjoint[1]) p.halves[0] = adjoint[0], p.halves[1] = adjoint[1];
     const bool many = summed(r) > 1u << 14 && !r->s->ncull;
     plan(&p, r, 0, tile_side(r, many ? 64 : 32));
-    SltStatus st = run_workers(r, p.ntiles, of.pairs ? 2 * of.pairs : classes, SINK_KEEP);
+    SltStatus st = run_workers(r, p.ntiles, of.pairs ? 2 * of.pairs : classes, SINK_NONE);
     if (st == SLT_OK) st = run_tiles(r, p.ntiles, reverse_work, reverse_merge, &p);
     run_free_workers(r);
     return st;
@@ -529,7 +529,7 @@ SltStatus interior_forward(Run *r, const Directions *dirs, float *const *out) {
     if (!r->s->kernel[SLT_K_JVP]) return SLT_OK;
     Interior p = {.dirs = dirs, .out = out, .classes = 1};
     plan(&p, r, 0, tile_side(r, 32));
-    SltStatus st = run_workers(r, p.ntiles, 0, SINK_KEEP);
+    SltStatus st = run_workers(r, p.ntiles, 0, SINK_NONE);
     if (st == SLT_OK) st = run_tiles(r, p.ntiles, forward_work, plain_merge, &p);
     run_free_workers(r);
     return st;
@@ -629,7 +629,9 @@ SltStatus interior_integral(Run *r, uint32_t replicates, uint64_t samples, doubl
     p.both = value && gradient && s->kernel[SLT_K_VJP] && scene_outputs(s, SLT_K_VJP, SLT_OUT_F) && !s->print;
     for (int pass = value && !p.both ? 0 : 1; pass < (gradient && s->kernel[SLT_K_VJP] ? 2 : 1); pass++) {
         p.gradient = pass == 1;
-        SltStatus st = run_workers(r, most, p.gradient ? s->channels : 0, SINK_KEEP);
+        r->most = p.gradient && p.tails ? TAIL_CALL : p.samples < BATCH ? (uint32_t)p.samples : BATCH;
+        SltStatus st = run_workers(r, most, p.gradient ? s->channels : 0, SINK_NONE);
+        r->most = 0;
         if (st == SLT_OK) st = run_tiles(r, tiles, total_work, total_merge, &p);
         run_free_workers(r);
         if (st != SLT_OK) return st;

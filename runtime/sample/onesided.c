@@ -104,7 +104,7 @@ static SltStatus suspect(const SltScene *s, const SltJob *j, SltPlace *at, bool 
     Run r;
     SltStats own = SLT_STATS_INIT;
     SltStatus st = run_begin(&r, s, j, err);
-    if (st == SLT_OK) st = run_workers(&r, 1, 0, SINK_KEEP);
+    if (st == SLT_OK) st = run_workers(&r, 1, 0, SINK_NONE);
     if (st == SLT_OK && s->kernel[SLT_K_SITE] && !twins_begin(&r)) st = status_fail(err, SLT_LIMIT, "out of memory");
     for (uint32_t d = 0; d < s->dim && st == SLT_OK; d++)
         for (int end = 0; end < 2 && !at->known; end++)

@@ -69,11 +69,11 @@ static bool follows(const Run *r) {
 }
 
 static bool worker_init(Run *r, Worker *w, uint32_t accums, SinkKind kind) {
-    if (!batch_init(&w->batch, r->s, &r->grid)) return false;
+    if (!batch_init_few(&w->batch, r->s, &r->grid, r->most ? r->most : BATCH)) return false;
     w->batch.pool = &r->pool;
     if (!accum_init(&w->acc, r->s, accums)) return false;
-    if (!finder_init(&w->finder, &w->batch)) return false;
-    if (!sink_init(&w->sink, kind, &w->batch, &w->acc, &w->finder, &r->grid)) return false;
+    if (kind != SINK_NONE && !finder_init(&w->finder, &w->batch)) return false;
+    if (kind != SINK_NONE && !sink_init(&w->sink, kind, &w->batch, &w->acc, &w->finder, &r->grid)) return false;
     w->finder.full = sink_take, w->finder.silent_full = sink_take_silent, w->finder.full_user = &w->sink;
     if (follows(r) && !(w->follow = w->sink.follow = follow_new())) return false;
     return narrow_init(&w->narrow, r->s) && cull_lists_init(&w->cull, &r->cull);

@@ -46,6 +46,7 @@ struct Run {
     CullBoxes cull;
     Worker *worker;
     uint32_t threads, nworkers;
+    uint32_t most; /* samples of a call of the workers; 0: BATCH */
     bool spares; /* run_workers makes more of them than threads: tiles whose turn to be merged has not come keep some */
     PoolOptions pool;
     bool proven;   /* lines had no gaps (prove.h) in some tile: what was missed says what is still missing */
@@ -73,7 +74,7 @@ void run_forget_few(Run *r);
 /* to may be NULL. stats_of_cells: only the members about cells, which are not added up. */
 void stats_add(SltStats *to, const SltStats *s);
 void stats_of_cells(SltStats *to, const SltStats *s);
-/* Makes workers, with `accums` adjoint buffers and a sink. */
+/* Makes workers, with `accums` adjoint buffers and, but for SINK_NONE, a finder and a sink. */
 SltStatus run_workers(Run *r, uint64_t tiles, uint32_t accums, SinkKind kind);
 void run_free_workers(Run *r);
 /* Are these rays in an image, whose roots need not be finer than the pixels show? */

@@ -417,7 +417,8 @@ static void emit(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n) 
         if (k->sizes && cls & 4) emit_reverse(k, c, order, n, SIZE_GROUP, cls & 2 ? 2 : 1);
         break;
     case SINK_FORWARD: emit_forward(k, c, order, n); break;
-    case SINK_KEEP: break;
+    case SINK_KEEP:
+    case SINK_NONE: break;
     }
 }
 

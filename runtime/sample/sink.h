@@ -17,7 +17,8 @@ typedef enum SinkKind {
                       twice, as coarser lines miss them */
     SINK_REVERSE,  /* adjoints weighed by an adjoint image */
     SINK_FORWARD,  /* images of derivatives along directions */
-    SINK_KEEP      /* a list */
+    SINK_KEEP,     /* a list */
+    SINK_NONE      /* there are no crossings: workers that take samples have no finder, either */
 } SinkKind;
 /* Directions in parameter space. */
 typedef struct Directions {
