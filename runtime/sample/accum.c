@@ -235,24 +235,15 @@ void accum_rows(Accum *a, Batch *b, const double *weight, uint32_t n, uint32_t w
     b->again = again;
 }
 
-#define SUM_LANES(name, T)                                                                                             \
-    static void name(const T *v, uint32_t lanes, uint32_t n, double *sums) {                                           \
-        for (uint32_t p = 0; p < n; p++) {                                                                             \
-            double sum = 0;                                                                                            \
-            for (uint32_t l = 0; l < lanes; l++) sum += (double)v[(uint64_t)p * lanes + l];                            \
-            sums[p] = sum;                                                                                             \
-        }                                                                                                              \
-    }
-SUM_LANES(sum_f32, float)
-SUM_LANES(sum_f64, double)
-
 /* Parameters p0 .. p1 - 1 of a buffer, a block of which some sum is not 0. */
 static void close_block(Accum *a, uint32_t which, uint32_t p0, uint32_t p1) {
     AdjointBuffer *buf = &a->buf[which];
     void *block = buf->adj + a->stride * p0;
     double few[ACCUM_BLOCK], *sums = a->folded.slot ? few : buf->sum + p0;
-    if (a->s->f64) sum_f64(block, a->s->adj_lanes, p1 - p0, sums);
-    else sum_f32(block, a->s->adj_lanes, p1 - p0, sums);
+    uint32_t lanes[ACCUM_BLOCK]; /* of each parameter, which are a run to those that add up samples */
+    for (uint32_t p = 0; p < p1 - p0; p++) sums[p] = 0, lanes[p] = a->s->adj_lanes;
+    if (a->s->f64) a->fill->sum_f64(block, p1 - p0, lanes, sums, 1);
+    else a->fill->sum_f32(block, p1 - p0, lanes, sums, 1);
     memset(block, 0, a->stride * (p1 - p0));
     double zero = 0;
     for (uint32_t p = 0; p < p1 - p0; p++) zero += 0 * sums[p];

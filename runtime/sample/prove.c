@@ -38,8 +38,8 @@ void prove_set_box(Batch *b, uint32_t i, const Segment *s, double ta, double tb)
     double lo[3], hi[3];
     segment_at(s, ta, lo), segment_at(s, tb, hi);
     for (uint32_t d = 0; d < b->s->dim; d++) {
-        batch_set(b, SLT_IN_X0 + d, i, fmin(lo[d], hi[d]));
-        batch_set(b, SLT_IN_H0 + d, i, fmax(lo[d], hi[d]));
+        batch_set(b, SLT_IN_X0 + d, i, search_lesser(lo[d], hi[d]));
+        batch_set(b, SLT_IN_H0 + d, i, search_greater(lo[d], hi[d]));
     }
 }
 
@@ -64,8 +64,8 @@ void prove_add(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b
 static double least(const Finder *f, const Segment *s) {
     double len = 0, mag = 0;
     for (uint32_t d = 0; d < f->s->dim; d++) {
-        len = fmax(len, fabs(s->b[d] - s->a[d]));
-        mag = fmax(mag, fmax(fabs(s->a[d]), fabs(s->b[d])));
+        len = search_greater(len, fabs(s->b[d] - s->a[d]));
+        mag = search_greater(mag, search_greater(fabs(s->a[d]), fabs(s->b[d])));
     }
     double usual = !f->finest ? PROVE_LEAST : s->touches ? root_tolerance(f->coarse) : 0;
     return fmax(usual, 8 * (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len);
