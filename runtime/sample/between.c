@@ -28,15 +28,16 @@ SltStatus between_find(Run *r, const Boundary *of, uint32_t replicates, Between 
     lines = pow(fmax(lines, FEWEST), 1.0 / (s->dim - 1));
     Windows windows = {.n = 1, .lines = (uint32_t)ceil(lines), .vertices = (uint32_t)fmin(vertices, MOST)};
     for (uint32_t d = 0; d < s->dim; d++) windows.side[d] = s->hi[d] - s->lo[d];
-    *b = (Between){.lines = windows.lines, .vertices = vertices};
-    b->sum = alloc_dense(6 * size, sizeof *b->sum);
+    *b = (Between){
+        .lines = windows.lines, .vertices = vertices, .probes = scene_outputs(s, SLT_K_REGION, SLT_OUT_NEAR_SITE) > 0};
+    b->sum = alloc_dense((b->probes ? 6 : 3) * size, sizeof *b->sum);
     if (!b->sum) return status_fail(r->err, SLT_LIMIT, "out of memory");
     SltStatus st = SLT_OK;
-    for (uint32_t cut = !scene_outputs(s, SLT_K_REGION, SLT_OUT_NEAR_SITE); cut < 2 && st == SLT_OK; cut++) {
+    for (uint32_t cut = !b->probes; cut < 2 && st == SLT_OK; cut++) {
         Boundary y = *of;
         y.windows = &windows, y.only_hidden = true;
         if (cut) y.boxes = BOXES_LEAST + BOXES * s->dim * (uint64_t)(pow(windows.lines, s->dim - 1) * vertices);
-        st = windows_run(r, &y, b->sum + cut * 3 * size, &b->found[cut]);
+        st = windows_run(r, &y, b->sum + (cut && b->probes ? 3 * size : 0), &b->found[cut]);
     }
     return st;
 }
@@ -47,7 +48,8 @@ void between_add(const SltScene *s, const Between *b, double *missed, double *er
     double met = b->found[1] - b->found[0], known = s->followed ? *s->followed * b->lines / b->vertices : 0,
            part = met > 0 && met - known > (known > 0 ? SURE * sqrt(met) : 0) ? (met - known) / met : 0;
     for (uint64_t i = 0; i < size && part > 0; i++) {
-        double more = part * (b->sum[3 * size + i] - b->sum[i]), told = missed ? fabs(missed[i]) : 0;
+        double more = part * (b->probes ? b->sum[3 * size + i] - b->sum[i] : b->sum[i]);
+        double told = missed ? fabs(missed[i]) : 0;
         if (fabs(more) <= told) continue;
         error[i] += fabs(more) - told;
         if (missed) missed[i] = more;

@@ -76,7 +76,8 @@ SltStatus unmet_add(Run *r, const Boundary *of, double *missed, double *error);
 typedef struct Between {
     double found[2];        /* crossings, by probes, by bounds */
     double lines, vertices; /* a side; of a line */
-    double *sum;            /* [2][3][channels][nfloats], likewise; NULL: nothing was looked for */
+    bool probes;            /* there are any */
+    double *sum;            /* [probes ? 2 : 1][3][channels][nfloats], likewise; NULL: nothing was looked for */
 } Between;
 bool between_serves(const SltScene *s, const Boundary *of);
 SltStatus between_find(Run *r, const Boundary *of, uint32_t replicates, Between *b);
