@@ -98,12 +98,18 @@ static const char *folder_of(Session *s, const char *path) {
 
 /* Also finds lines that end in a lone CR, which editors and the Language Server Protocol count. */
 static void index_lines(Session *s, Source *src) {
+    const bool plain = !memchr(src->text, '\r', src->len);
     for (int pass = 0; pass < 2; pass++) {
         uint32_t *starts = pass ? ARENA_ARRAY(&s->session, uint32_t, src->nlines) : NULL;
         uint32_t n = 0;
         if (starts) starts[0] = 0;
         n++;
         for (uint32_t i = 0; i < src->len; i++) {
+            if (plain) { /* without \r */
+                const char *next = memchr(src->text + i, '\n', src->len - i);
+                if (!next) break;
+                i = (uint32_t)(next - src->text);
+            }
             char c = src->text[i];
             if (c != '\n' && c != '\r') continue;
             if (c == '\r' && src->text[i + 1] == '\n') continue;

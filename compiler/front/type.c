@@ -68,7 +68,7 @@ Type *type_row(const Type *matrix) { return (Type *)&vectors[T_FLOAT - T_BOOL][m
 
 Type *type_keyword(const char *name, size_t len) {
 #define TRY(t)                                                                                                         \
-    if (strlen((t).name) == len && !memcmp((t).name, name, len)) return (Type *)&(t)
+    if ((t).name[0] == *name && strlen((t).name) == len && !memcmp((t).name, name, len)) return (Type *)&(t)
     for (TypeKind k = T_VOID; k <= T_FLOAT; k++) TRY(simple[k]);
     TRY(simple[T_TEXTURE]);
     TRY(simple[T_TEXTURE3D]);

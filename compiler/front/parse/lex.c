@@ -28,6 +28,18 @@ static Span span_at(const Lexer *lx, uint32_t pos, uint32_t len) { return (Span)
             diag_emit((lx)->session, DIAG_##code, span, arena_printf(&(lx)->session->session, __VA_ARGS__));           \
     } while (0)
 
+/* Bytes of so many that are ASCII, before the first that is not. */
+static uint32_t ascii_run(const char *text, uint32_t len) {
+    const uint64_t high = UINT64_C(0x8080808080808080);
+    uint32_t n = 0;
+    for (uint64_t eight; n + sizeof eight <= len; n += sizeof eight) {
+        memcpy(&eight, text + n, sizeof eight);
+        if (eight & high) break;
+    }
+    while (n < len && !(text[n] & 0x80)) n++;
+    return n;
+}
+
 Lexer lex_start(Session *s, int file) {
     const Source *src = &s->sources[file];
     Lexer lx = {.session = s, .text = src->text, .file = file, .len = src->len};
@@ -38,6 +50,8 @@ Lexer lex_start(Session *s, int file) {
     }
     if (lx.len >= 3 && !memcmp(lx.text, "\xEF\xBB\xBF", 3)) lx.pos = 3;
     for (uint32_t i = lx.pos; i < lx.len;) {
+        i += ascii_run(lx.text + i, lx.len - i);
+        if (i == lx.len) break;
         uint32_t code, n = utf8_decode(lx.text + i, lx.len - i, &code);
         if (code == 0xFFFD && n == 1 && !s->sources[file].glsl[0]) { /* GLSL's comments may hold any bytes */
             COMPLAIN(&lx, bad_encoding, span_at(&lx, i, 1), "byte 0x%02X is not UTF-8 here", (unsigned char)lx.text[i]);
@@ -66,8 +80,11 @@ static bool skip_blanks(Lexer *lx) {
         } else if (continued(lx)) {
             lx->pos += 1 + continued(lx);
         } else if (c == '/' && lx->text[lx->pos + 1] == '/') {
-            while (lx->pos < lx->len && lx->text[lx->pos] != '\n' && lx->text[lx->pos] != '\r')
-                lx->pos += 1 + continued(lx);
+            const char *const text = lx->text;
+            uint32_t pos = lx->pos;
+            for (; pos < lx->len && text[pos] != '\n' && text[pos] != '\r'; pos++)
+                if (text[pos] == '\\') lx->pos = pos, pos += continued(lx);
+            lx->pos = pos;
         } else if (c == '/' && lx->text[lx->pos + 1] == '*') {
             uint32_t open = lx->pos;
             lx->pos += 2;
@@ -305,7 +322,8 @@ typedef struct Punctuator {
     Operator op;
 } Punctuator;
 
-/* Longer ones first. */
+/* Longer ones first. Behind OPERATORS of them those that begin none: every second token is one. */
+enum { OPERATORS = 33 };
 static const Punctuator punctuators[] = {{"<<=", TOK_ASSIGN, OPR_SHL}, {">>=", TOK_ASSIGN, OPR_SHR},
                                          {"<<", TOK_OP, OPR_SHL},      {">>", TOK_OP, OPR_SHR},
                                          {"==", TOK_OP, OPR_EQ},       {"!=", TOK_OP, OPR_NE},
@@ -329,6 +347,40 @@ static const Punctuator punctuators[] = {{"<<=", TOK_ASSIGN, OPR_SHL}, {">>=", T
                                          {";", TOK_SEMICOLON, 0},      {":", TOK_COLON, 0},
                                          {"?", TOK_QUESTION, 0},       {".", TOK_DOT, 0}};
 
+/* By its length and first letter, as most words are none. */
+static bool may_be_keyword(const char *word, uint32_t n) {
+#define LETTER(id, text) | 1u << (text[0] - 'a')
+#define SHORTER(id, text) n == sizeof text - 1 ||
+    const uint32_t first = 0 LEX_KEYWORDS(LETTER);
+    return *word >= 'a' && *word <= 'z' && first >> (*word - 'a') & 1 && (LEX_KEYWORDS(SHORTER) false);
+#undef LETTER
+#undef SHORTER
+}
+
+static TokenKind keyword(const char *word, uint32_t n) {
+    for (TokenKind k = TOK_IMPORT; k < TOK_COUNT; k++)
+        if (keyword_text[k][0] == word[0] && strlen(keyword_text[k]) == n && !memcmp(keyword_text[k], word, n))
+            return k;
+    return TOK_IDENT;
+}
+
+static bool is_alone(char c) {
+    switch (c) {
+    case '(':
+    case ')':
+    case '[':
+    case ']':
+    case '{':
+    case '}':
+    case ',':
+    case ';':
+    case ':':
+    case '?':
+    case '.': return true;
+    default: return false;
+    }
+}
+
 static void lex_word(Lexer *lx, Token *t) {
     uint32_t start = lx->pos, end = start;
     while (end < lx->len && (is_letter(lx->text[end]) || is_digit(lx->text[end]))) end++;
@@ -336,10 +388,7 @@ static void lex_word(Lexer *lx, Token *t) {
     uint32_t n = end - start;
     lx->pos = end;
     t->span = span_at(lx, start, n);
-    t->kind = TOK_IDENT;
-    for (TokenKind k = TOK_IMPORT; k < TOK_COUNT; k++)
-        if (keyword_text[k][0] == word[0] && strlen(keyword_text[k]) == n && !memcmp(keyword_text[k], word, n))
-            t->kind = k;
+    t->kind = may_be_keyword(word, n) ? keyword(word, n) : TOK_IDENT;
     if (t->kind == TOK_IDENT && n >= 3 && n <= 11 && type_keyword(word, n)) t->kind = TOK_TYPE;
     t->text = intern(lx->session, word, n);
 }
@@ -371,7 +420,8 @@ Token lex_next(Lexer *lx) {
             lx->pos += t.span.len;
             return t;
         }
-        for (size_t i = 0; i < sizeof punctuators / sizeof *punctuators; i++) {
+        const size_t all = sizeof punctuators / sizeof *punctuators;
+        for (size_t i = is_alone(*at) ? OPERATORS : 0; i < all; i++) {
             const Punctuator *p = &punctuators[i];
             if (*at != p->text[0]) continue;
             uint32_t n = (uint32_t)strlen(p->text);
