@@ -64,6 +64,8 @@ struct SltProgram {
     const int32_t *lent_ints; /* [nints]: those of the call in hand, where it has its own (SltJob.ints); else NULL */
     uint8_t *wrt;             /* [nfloats]: 1 where a gradient is wanted */
     bool *asset_loaded;       /* by parameter: its file has been read */
+    bool keeps_probed;        /* the compilation will want the values of images, too, whose sizes the front end asks */
+    struct ProbedImage *probed; /* the last of them; NULL: none */
 
     SltScene scene;           /* what the runtime sees; points into the members below */
     bool tried[K_KINDS];      /* asked for before */
@@ -261,7 +263,8 @@ bool api_looks_like_glsl(const char *text);
 /* The files that declarations name as values; the front end asks for their dimensions by api_probe_asset. */
 SltStatus api_load_assets(SltProgram *p, SltError *err);
 AssetProbe api_probe_asset;
-GivenSizes api_given_sizes; /* of opt.lengths */
+void api_forget_probed(SltProgram *p); /* the image that it kept */
+GivenSizes api_given_sizes;            /* of opt.lengths */
 
 /* ---- kernels.c: facts of the program */
 uint64_t api_event_bound(const SltProgram *p); /* the most events that one sample may meet */

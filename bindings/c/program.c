@@ -190,6 +190,7 @@ static void compile_body(Session *s, void *arg) {
                                    .probe_user = p},
                          .precision = p->opt.f64 ? PREC_F64 : PREC_F32,
                          .seed = p->opt.seed};
+    p->keeps_probed = true;
     Program *prog = front_compile(s, file, &po);
     if (!p->has_lengths) p->opt.lengths = NULL; /* the caller's */
     p->ms_front = now_ms() - start;
@@ -231,6 +232,7 @@ static SltStatus fill_program(SltProgram *p) {
     if (prog->nints) memcpy(p->ints, prog->init_ints, prog->nints * sizeof(int32_t));
     api_params_changed(p, 0, program_floats(prog));
     SltStatus status = api_load_assets(p, &p->error);
+    api_forget_probed(p);
     if (status != SLT_OK) return status;
     status = api_wrt(p, NULL, 0, &p->error);
     p->ready = status == SLT_OK;
@@ -335,6 +337,7 @@ void slt_program_free(SltProgram *p) {
     free(p->ints);
     free(p->wrt);
     free(p->asset_loaded);
+    api_forget_probed(p);
     for (size_t i = 0; i < sizeof p->text / sizeof *p->text; i++) free(p->text[i]);
     session_destroy(p->session);
     pthread_mutex_destroy(&p->late.lock);

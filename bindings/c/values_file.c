@@ -37,11 +37,53 @@ static SltStatus fill_numbers(Stage *s, const Type *t, ShapeCursor *c, const dou
     return SLT_OK;
 }
 
+/* Between the question for its size and that for its values an image is not decoded twice. */
+struct ProbedImage {
+    char *path;
+    bool raw;
+    Image image;
+};
+
+void api_forget_probed(SltProgram *p) {
+    if (!p->probed) return;
+    image_free(&p->probed->image);
+    free(p->probed->path), free(p->probed);
+    p->probed = NULL;
+}
+
+/* Takes the image. */
+static void keep_probed(SltProgram *p, const char *path, bool raw, Image *im) {
+    api_forget_probed(p);
+    struct ProbedImage *kept = p->keeps_probed ? malloc(sizeof *kept) : NULL;
+    char *name = kept ? strdup(path) : NULL;
+    if (name) {
+        *kept = (struct ProbedImage){name, raw, *im};
+        p->probed = kept;
+        return;
+    }
+    free(kept);
+    image_free(im);
+}
+
+static bool take_probed(SltProgram *p, const char *path, bool raw, Image *im) {
+    struct ProbedImage *kept = p->probed;
+    if (!kept || kept->raw != raw || strcmp(kept->path, path) != 0) return false;
+    *im = kept->image;
+    free(kept->path), free(kept);
+    p->probed = NULL;
+    return true;
+}
+
+static SltStatus read_image(SltProgram *p, bool raw, const char *path, Image *im, SltError *err) {
+    const ImageReadOptions opt = {.raw = raw};
+    return take_probed(p, path, raw, im) ? SLT_OK : image_read(path, &opt, im, err);
+}
+
 /* Of a texture or a geometry: its image, slices below each other. */
-static SltStatus read_texels(const Param *q, bool raw, const char *path, Image *im, SltError *err) {
+static SltStatus read_texels(SltProgram *p, const Param *q, bool raw, const char *path, Image *im, SltError *err) {
     ImageReadOptions opt = {.raw = raw};
     int depth = 0;
-    SltStatus status = q->tex_d ? volume_read(path, &opt, im, &depth, err) : image_read(path, &opt, im, err);
+    SltStatus status = q->tex_d ? volume_read(path, &opt, im, &depth, err) : read_image(p, raw, path, im, err);
     if (status != SLT_OK) return status;
     uint32_t h = (uint32_t)(im->height / (depth ? depth : 1));
     char deep[32] = "", wanted[32] = "";
@@ -57,7 +99,7 @@ static SltStatus read_texels(const Param *q, bool raw, const char *path, Image *
 
 SltStatus values_read_image(Stage *s, const Param *q, const char *path) {
     Image im;
-    SltStatus status = read_texels(q, q->is_geometry || s->p->prog->display, path, &im, s->err);
+    SltStatus status = read_texels(s->p, q, q->is_geometry || s->p->prog->display, path, &im, s->err);
     if (status != SLT_OK) return status;
     for (size_t t = 0; status == SLT_OK && t < (size_t)im.width * (size_t)im.height; t++)
         for (uint32_t c = 0; status == SLT_OK && c < q->tex_c; c++) {
@@ -220,7 +262,8 @@ bool api_probe_asset(void *user, const char *path, const Symbol *of, uint32_t di
         dims[0] = (uint32_t)im.width, dims[1] = (uint32_t)(im.height / (volume ? depth : 1));
         if (volume) dims[2] = (uint32_t)depth;
         dims[volume ? 3 : 2] = geometry ? 1 : (uint32_t)(im.channels > 4 ? 4 : im.channels);
-        image_free(&im);
+        if (volume) image_free(&im);
+        else keep_probed(p, path, raw.raw, &im);
         return true;
     }
     if (values_is_mesh(path))
