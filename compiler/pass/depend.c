@@ -20,9 +20,19 @@ bool depend_merge(Depend *to, const Depend *from) {
     return changed;
 }
 
+/* Does it name all that `from` names, or as many as it may? */
+static bool knows(const Depend *d, const Depend *from) {
+    for (uint32_t i = 0; i < from->nnamed && d->nnamed < DEPEND_NAMED; i++) {
+        bool known = false;
+        for (uint32_t j = 0; j < d->nnamed; j++) known |= d->named[j] == from->named[i];
+        if (!known) return false;
+    }
+    return true;
+}
+
 static void add(Flow *f, const Inst *to, const Depend *from) {
     Depend *d = &f->of[to->id];
-    if ((from->on & ~d->on) || from->nnamed) f->changed |= depend_merge(d, from); /* most walks find nothing new */
+    if ((from->on & ~d->on) || !knows(d, from)) f->changed |= depend_merge(d, from); /* most walks find nothing new */
 }
 
 static void add_flags(Flow *f, const Inst *to, uint8_t on) { add(f, to, &(Depend){.on = on}); }
@@ -92,17 +102,22 @@ static bool steps(const Inst *i) {
  * 0), and then the comparison itself is reported. */
 bool depend_jumps(const Depend *of, const Inst *i) {
     uint8_t on = 0;
-    if (i->op == OP_feq || i->op == OP_fne) return false;
+    if (i->op == OP_feq || i->op == OP_fne || !steps(i)) return false;
     for (uint32_t a = 0; a < i->nargs; a++) on |= of[i->args[a]->id].on;
-    return steps(i) && (on & DEPENDS_SLOPE) && (on & DEPENDS_PARAM);
+    return (on & DEPENDS_SLOPE) && (on & DEPENDS_PARAM);
 }
 
 /* What it depends on for its operands' sake. */
 static void flow_operands(Flow *f, const Inst *i) {
-    bool site = i->op == OP_site || i->op == OP_siten, named = false;
+    const bool site = i->op == OP_site || i->op == OP_siten;
+    const Depend *own = &f->of[i->id];
+    bool known = true;
     uint8_t on = 0;
-    for (uint32_t a = 0; a < i->nargs; a++) on |= f->of[i->args[a]->id].on, named |= f->of[i->args[a]->id].nnamed != 0;
-    if (!named && !(on & ~f->of[i->id].on) && !depend_jumps(f->of, i)) return; /* as most walks find it */
+    for (uint32_t a = 0; a < i->nargs; a++) {
+        const Depend *arg = &f->of[i->args[a]->id];
+        on |= arg->on, known = known && knows(own, arg);
+    }
+    if (known && !(on & ~own->on) && !depend_jumps(f->of, i)) return; /* as most walks find it */
     Depend d = {0};
     for (uint32_t a = 0; a < i->nargs; a++) {
         Depend arg = f->of[i->args[a]->id];
