@@ -162,7 +162,10 @@ void cli_wrote(Cli *c, const char *fmt, ...) __attribute__((format(printf, 2, 3)
 /* Compiles the file, standard input or expression, prints diagnostics, sets parameters and wrt. *out must be freed also
  * on failure. */
 int cli_compile(Cli *c, SltProgram **out);
-void cli_end_program(SltProgram *p); /* of a verb that is done: what is its goes with the process */
+/* Does somebody look for memory that is left at the end of the process? A sanitizer does, or who says so by a name of
+ * this kind (tests/fault). */
+bool cli_frees_all(void);
+void cli_end_program(SltProgram *p); /* of a verb that is done: mostly what is its goes with the process */
 /* The values of --params and --param again, over others that a scene has set since. */
 int cli_set_values(Cli *c, SltProgram *p);
 void cli_tell(Cli *c, SltProgram *p);            /* prints the diagnostics that are new since the last time */

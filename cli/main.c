@@ -48,9 +48,6 @@ int main(int argc, char **argv) {
     if (status == CLI_HELPED || status == SLT_STOPPED) status = SLT_OK;
     if ((fflush(stdout) != 0 || ferror(stdout)) && status == SLT_OK)
         status = cli_error(SLT_OUTPUT, "standard output could not be written");
-#ifdef SALTUS_SANITIZE
-    return status; /* which looks for what is left */
-#else
-    _exit(status); /* what else is to be done at the end of a process, as by LLVM, is to free memory */
-#endif
+    if (!cli_frees_all()) _exit(status); /* what else is done at the end of a process, as by LLVM, is to free memory */
+    return status;
 }

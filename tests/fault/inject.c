@@ -174,6 +174,8 @@ static void print_trace(FILE *f, const Trace *t) {
     fputc('\n', f);
 }
 
+const char saltus_frees_all = 1; /* for the command: what is kept at the end is lost */
+
 __attribute__((destructor)) static void end(void) {
     if (!fault.ready || !fault.log) return;
     fault.ready = false;
