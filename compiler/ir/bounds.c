@@ -254,6 +254,7 @@ Bound ir_bound_ends(Builder *b, Bound x) {
 #define ANGLE(x, y, ulps) bound_atan2(r, ulps, NULL)
 #define POWER(x, y, ulps) bound_pow(r, ulps)
 #define MANTISSA(x) bound_mantissa(r)
+#define ANY_FLOAT(x) whole_float(r)
 #define LESS(x, y) less(r, x, y)
 #define LESS_EQUAL(x, y) less_equal(r, x, y)
 #define EQUAL(x, y) equal(r, x, y)
@@ -287,6 +288,7 @@ Bound ir_bound_ends(Builder *b, Bound x) {
 
 static Bound choice(Rule *r, Bound cond, Bound x, Bound y) { return ir_bound_select(&r->b, cond, x, y); }
 static Bound whole_int(Rule *r) { return ir_bound_whole(&r->b, TY_INT); }
+static Bound whole_float(Rule *r) { return ir_bound_whole(&r->b, TY_FLT); }
 static Bound where_ends(Rule *r, Bound x) { return bound_where_int(r, has_ends(r, r->arg[0]), x); }
 
 /* Sums of what mixes bits go on as points. */

@@ -253,6 +253,8 @@ bool ir_has(const Block *b, Op op);                 /* in it or in a region belo
 void ir_count_uses(const Block *b, uint32_t *uses); /* likewise; adds to uses[id] */
 /* g == 0 ? 0 : zmul(x, g): a product that is 0 where either factor is, whatever the other. */
 bool ir_is_guarded_twice(const Inst *i);
+/* Pieces of a logarithm (logs.h), which lowering makes. */
+static inline bool ir_is_log_part(Op op) { return op == OP_flogm || op == OP_flogh || op == OP_flogl; }
 /* 32-bit mixing used for the region hash, the same in kernels (as IR) and in C. */
 uint32_t ir_mix(uint32_t h, uint32_t v);
 Inst *ir_mix_inst(Builder *b, Inst *h, Inst *v);

@@ -350,3 +350,27 @@ static IrRange range_rounded(const Inst *v, uint32_t depth) {
 }
 
 IrRange ir_range_rounded(const Inst *v) { return range_rounded(v, 0); }
+
+static bool never_negative(const Inst *v, uint32_t depth) {
+    switch ((Op)v->op) {
+    case OP_constf: return !signbit(v->imm.f);
+    case OP_fabs:
+    case OP_fexp:
+    case OP_fexp2:
+    case OP_fcosh: return true;
+    case OP_fsqrt: return depth && never_negative(v->args[0], depth - 1);
+    case OP_fmul:
+        if (v->args[0] == v->args[1]) return true;
+        return depth && never_negative(v->args[0], depth - 1) && never_negative(v->args[1], depth - 1);
+    case OP_fadd:
+    case OP_fdiv:
+    case OP_fmin: return depth && never_negative(v->args[0], depth - 1) && never_negative(v->args[1], depth - 1);
+    case OP_fmax: return v->args[1]->op == OP_constf && v->args[1]->imm.f > 0;
+    default: return false;
+    }
+}
+
+bool ir_is_never_negative(const Inst *v) {
+    enum { DEPTH = 4 };
+    return never_negative(v, DEPTH);
+}

@@ -47,5 +47,7 @@ void ir_told(const Fn *fn, Arena *scratch, uint8_t *told);
 IrRange ir_range_of(const Inst *i, const IrRange *known, uint32_t nknown);
 /* Likewise from one float, with every rounding on the way in either precision: it holds exactly, where v is no NaN. */
 IrRange ir_range_rounded(const Inst *v);
+/* Is its sign clear, or is it a NaN? By a look a few operands deep. */
+bool ir_is_never_negative(const Inst *v);
 
 #endif

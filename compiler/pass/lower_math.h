@@ -39,6 +39,7 @@ Inst *math_poly(Gen *g, const double *c, uint32_t n, Inst *x, double factor);
 #define MATH_POLY(g, name, x, factor)                                                                                  \
     ((g)->f64 ? math_poly(g, name##_64, sizeof name##_64 / sizeof *name##_64, x, factor)                               \
               : math_poly(g, name##_32, sizeof name##_32 / sizeof *name##_32, x, factor))
+#define POLY32(g, name, x) math_poly(g, name##_32, sizeof name##_32 / sizeof *name##_32, x, 1)
 /* x - k * (sum of parts) * factor, most significant part first. */
 Inst *math_reduce(Gen *g, Inst *x, Inst *k, const double *parts, uint32_t n, double factor);
 /* a*b exactly, as result + *low. */
@@ -48,6 +49,15 @@ Inst *math_two_product(Gen *g, Inst *a, Inst *b, Inst **low);
 enum { EXP_CLAMP_HIGH = 1, EXP_CLAMP_LOW = 2, EXP_CLAMP = 3 }; /* which end of its range the argument may exceed */
 Inst *math_exp(Gen *g, Inst *x, int clamp, int shift);         /* e^x 2^shift, shift 0 or -1 */
 Inst *math_exp2(Gen *g, Inst *x, Inst *low, int clamp);        /* 2^(x + low); low may be NULL */
+/* f32: the same, where low may be as large as 8, and whatever it is if x is infinite: it is added before it is rounded.
+ */
+Inst *math_exp2_two(Gen *g, Inst *x, Inst *low);
+/* f32 with fma: ln x = high + lead + (lead_low + tail); |high| >= |lead|, or 0. high and tail are infinite at 0 and
+ * infinity, where lead is 0. */
+typedef struct LogParts {
+    Inst *high, *lead, *lead_low, *tail;
+} LogParts;
+LogParts math_log_parts(Gen *g, Inst *x);
 Inst *math_log(Gen *g, Inst *x);
 Inst *math_log2(Gen *g, Inst *x);
 Inst *math_sinh(Gen *g, Inst *x);

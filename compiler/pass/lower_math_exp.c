@@ -49,6 +49,13 @@ Inst *math_exp(Gen *g, Inst *x, int clamp, int shift) {
     return g->f64 && (clamp & EXP_CLAMP_LOW) ? sel(g, less(g, x, num(g, low)), num(g, 0), y) : y;
 }
 
+Inst *math_exp2_two(Gen *g, Inst *x, Inst *low) {
+    Power p = split_power(g, clamped(g, add(g, x, low), EXP_CLAMP, -126, 128.4), 1, 0);
+    /* Where the sum was clamped from below, the scale is 0 and the rest is anything; from above, it is at least 0. */
+    Inst *r = op2(g, OP_fmax, add(g, sub(g, x, p.n), low), num(g, -1));
+    return mul(g, mad(g, MATH_POLY(g, exp2, r, 2), r, num(g, 2)), p.scale);
+}
+
 Inst *math_exp2(Gen *g, Inst *x, Inst *low_part, int clamp) {
     double low = g->f64 ? -1021.4 : -126, high = g->f64 ? 1024.4 : 128.4;
     Inst *c = clamped(g, x, clamp, low, high);
@@ -95,7 +102,19 @@ static Inst *log1p_tail_64(Gen *g, Inst *f, Inst **half_square) {
     return mul(g, s, add(g, h, r));
 }
 
+LogParts math_log_parts(Gen *g, Inst *x) {
+    Inst *f = op1(g, OP_flogm, x), *half = scale(g, f, 0.5), *cube = mul(g, mul(g, f, f), f);
+    LogParts p = {.high = op1(g, OP_flogh, x), .lead = nmad(g, half, f, f)};
+    p.lead_low = nmad(g, half, f, sub(g, f, p.lead)); /* exact: the lead is more than half of f */
+    p.tail = mad(g, cube, POLY32(g, log_tail, f), op1(g, OP_flogl, x));
+    return p;
+}
+
 Inst *math_log(Gen *g, Inst *x) {
+    if (!g->f64 && g->fma) {
+        LogParts p = math_log_parts(g, x);
+        return add(g, p.high, add(g, p.lead, p.tail));
+    }
     Inst *m, *e;
     math_split(g, x, &m, &e);
     Inst *f = sub(g, m, num(g, 1));

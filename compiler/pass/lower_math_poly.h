@@ -7,6 +7,7 @@ static const double pi_fma_32[] = {0x1.921fb60000000p+1, -0x1.777a5c0000000p-24,
 static const double pi_fma_64[] = {0x1.921fb54442d18p+1, 0x1.1a62633145c07p-53, -0x1.f1976b7ed8fbcp-109};
 static const double pi_split_32[] = {0x1.9200000000000p+1, 0x1.fa00000000000p-11, 0x1.5400000000000p-19, 0x1.1000000000000p-29, 0x1.68c234c4c6629p-38};
 static const double pi_split_64[] = {0x1.921fb54400000p+1, 0x1.0b4611a600000p-33, 0x1.3198a2e000000p-68, 0x1.b839a252049c1p-103};
+static const double one_over_ln2_32[] = {0x1.7154760000000p+0, 0x1.4ae0c00000000p-26};
 static const double ln2_fma_32[] = {0x1.62e4300000000p-1, -0x1.05c6100000000p-29};
 static const double ln2_fma_64[] = {0x1.62e42fefa39efp-1, 0x1.abc9e3b39803fp-56};
 static const double ln2_split_32[] = {0x1.62e4000000000p-1, 0x1.7f7d1cf79abcap-20};
@@ -30,6 +31,8 @@ static const double log_32[] = {-0x1.fffffa0000000p-2, 0x1.5556f40000000p-2, -0x
 static const double log2_32[] = {0x1.7154760000000p+0, -0x1.7154700000000p-1, 0x1.ec73d60000000p-2, -0x1.715c4e0000000p-2, 0x1.26d3840000000p-2, -0x1.e95bf80000000p-3, 0x1.b9c93a0000000p-3, -0x1.a87c9e0000000p-3, 0x1.01b5fa0000000p-3};
 /* pow_32: powers 3..7 on [0, 0.1716], error 1e-09 */
 static const double pow_32[] = {0x1.ec70d20000000p-1, 0x1.274c580000000p-1, 0x1.b94b120000000p-2};
+/* log_tail_32: powers 3..6 on [-0.0625, 0.0625], error 3.5e-10 */
+static const double log_tail_32[] = {0x1.5555160000000p-2, -0x1.ffff780000000p-3, 0x1.9b31b40000000p-3, -0x1.56d87c0000000p-3};
 /* asin_32: powers 3..11 on [0, 0.5], error 5.6e-09 */
 static const double asin_32[] = {0x1.5555c80000000p-3, 0x1.3301e60000000p-4, 0x1.747e3e0000000p-5, 0x1.8c28640000000p-6, 0x1.596d360000000p-5};
 /* atan_32: powers 3..17 on [0, 1], error 2.1e-08 */

@@ -1,10 +1,12 @@
 /* pow and cbrt. */
 #include <math.h>
 
+#include "compiler/ir/range.h"
 #include "compiler/pass/lower_math.h"
 #include "compiler/pass/lower_math_poly.h"
 
-/* ---- pow: 2^(y log2|x|), the logarithm as an unevaluated sum of two numbers, because y multiplies its error */
+/* ---- pow: 2^(y log2|x|), the logarithm as an unevaluated sum of two numbers, because y multiplies its error. In f32
+ * with fma the logarithm has a table (ir/logs.h), elsewhere a quotient. */
 
 /* a + b as result + *low; |a| >= |b| or a = 0. */
 static Inst *fast_two_sum(Gen *g, Inst *a, Inst *b, Inst **low) {
@@ -51,7 +53,50 @@ static Inst *log2_two(Gen *g, Inst *x, Inst **low) {
     return fast_two_sum(g, sum, add(g, sum_low, tail), low); /* low becomes small: exp2 rounds by the sum alone */
 }
 
+/* pow(x, y) of r = |x|^y: its sign, and NaN. */
+static Inst *signed_power(Gen *g, Inst *x, Inst *y, Inst *finite, Inst *r) {
+    Inst *integer = op2(g, OP_feq, op1(g, OP_ffloor, y), y);
+    Inst *half = scale(g, y, 0.5);
+    Inst *odd = op2(g, OP_band, integer, op2(g, OP_fne, op1(g, OP_ffloor, half), half));
+    r = sel(g, odd, op2(g, OP_fcopysign, r, x), r);
+    Inst *bad = op2(g, OP_band, less(g, x, num(g, 0)), finite);
+    return sel(g, op2(g, OP_band, bad, op1(g, OP_bnot, integer)), num(g, NAN), r);
+}
+
+static Inst *one_of(Gen *g, Inst *a, Inst *y, Inst *r) { /* also pow(NaN, 0), pow(1, NaN), pow(-1, inf) */
+    Inst *one = op2(g, OP_bor, op2(g, OP_feq, y, num(g, 0)), op2(g, OP_feq, a, num(g, 1)));
+    return sel(g, one, num(g, 1), r);
+}
+
+/* f32 with fma: 2^(y / ln 2 * ln a). y is kept so small that only an infinite logarithm makes the product infinite;
+ * there its low part is a NaN, of which fmin makes a number. */
+static Inst *power_32(Gen *g, Inst *x, Inst *y) {
+    const double most = 0x1p40; /* any number but 1 to it is 0 or infinite */
+    const bool fixed = y->op == OP_constf && y->imm.f != 0 && !isnan(y->imm.f);
+    const bool fraction = fixed && y->imm.f != floor(y->imm.f);
+    Inst *a;
+    if (!fraction) a = op1(g, OP_fabs, x);
+    else if (ir_is_never_negative(x)) a = x;
+    else
+        a = sel(g, op2(g, OP_feq, x, num(g, -INFINITY)), num(g, INFINITY),
+                x); /* the logarithm makes NaN of the others */
+    LogParts p = math_log_parts(g, a);
+    Inst *log_low, *log = fast_two_sum(g, p.high, p.lead, &log_low);
+    log_low = add(g, log_low, add(g, p.lead_low, p.tail));
+
+    Inst *z = op2(g, OP_fmax, op2(g, OP_fmin, y, num(g, most)), num(g, -most));
+    Inst *w_low, *w = math_two_product(g, z, num(g, one_over_ln2_32[0]), &w_low);
+    w_low = mad(g, z, num(g, one_over_ln2_32[1]), w_low);
+    Inst *t_low, *t = math_two_product(g, w, log, &t_low);
+    t_low = mad(g, w_low, log, mad(g, w, log_low, t_low));
+    Inst *r = math_exp2_two(g, t, op2(g, OP_fmin, num(g, 8), t_low));
+    if (fraction) return r;
+    if (!fixed) r = one_of(g, a, y, r);
+    return signed_power(g, x, y, less(g, a, num(g, INFINITY)), r);
+}
+
 Inst *math_pow(Gen *g, Inst *x, Inst *y) {
+    if (!g->f64 && g->fma) return power_32(g, x, y);
     Inst *a = op1(g, OP_fabs, x), *inf = num(g, INFINITY), *zero = num(g, 0);
     Inst *scaled = a, *tiny = NULL;
     if (!g->f64) { /* math_split of f32 wants normal numbers */
@@ -69,15 +114,7 @@ Inst *math_pow(Gen *g, Inst *x, Inst *y) {
     /* Far outside the range of exp2 the low part is noise, or inf - inf. */
     Inst *near = less(g, op1(g, OP_fabs, t), num(g, 4096));
     Inst *r = math_exp2(g, t, sel(g, near, t_low, zero), EXP_CLAMP);
-    Inst *one = op2(g, OP_bor, op2(g, OP_feq, y, zero), op2(g, OP_feq, a, num(g, 1)));
-    r = sel(g, one, num(g, 1), r); /* also pow(NaN, 0), pow(1, NaN), pow(-1, inf) */
-
-    Inst *integer = op2(g, OP_feq, op1(g, OP_ffloor, y), y);
-    Inst *half = scale(g, y, 0.5);
-    Inst *odd = op2(g, OP_band, integer, op2(g, OP_fne, op1(g, OP_ffloor, half), half));
-    r = sel(g, odd, op2(g, OP_fcopysign, r, x), r);
-    Inst *bad = op2(g, OP_band, op2(g, OP_band, less(g, x, zero), finite), op1(g, OP_bnot, integer));
-    return sel(g, bad, num(g, NAN), r);
+    return signed_power(g, x, y, finite, one_of(g, a, y, r));
 }
 
 /* ---- cbrt: y ~ x^(-1/3) without divisions (Householder's iteration on 1 - x y^3), then z = x y^2 corrected once */

@@ -48,8 +48,8 @@ static void gen_value(Gen *g, Builder *b) {
     for (;;) {
         Op op = (Op)gen_below(g, OP_COUNT);
         const OpInfo *o = &ir_ops[op];
-        if (o->special || o->math || op == OP_fmant || op == OP_fexpo || op == OP_ftwoi || op == OP_fasuint ||
-            (op == OP_ffma && !g->fma))
+        if (o->special || o->math || op == OP_fmant || ir_is_log_part(op) || op == OP_fexpo || op == OP_ftwoi ||
+            op == OP_fasuint || (op == OP_ffma && !g->fma))
             continue; /* domains of normal numbers; bits of a NaN are nobody's promise */
         Inst *args[3];
         for (uint32_t j = 0; j < o->nargs; j++) {

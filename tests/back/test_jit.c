@@ -297,7 +297,7 @@ static Fn *rows_program(Session *s, Precision p, Op *at, uint32_t kinds, bool fm
         if (*at == OP_fmant || *at == OP_fexpo) args[0] = normal(&b, args[0]);
         if (*at == OP_ftwoi)
             args[0] = ir_emit2(&b, OP_isub, ir_emit2(&b, OP_iand, args[0], ir_consti(&b, 127)), ir_consti(&b, 60));
-        if (*at == OP_fasuint) /* the bits of a NaN are nobody's promise */
+        if (*at == OP_fasuint || *at == OP_flogm) /* the bits of a NaN are nobody's promise */
             args[0] = ir_emit3(&b, OP_fsel, ir_emit1(&b, OP_fisnan, args[0]), ir_constf(&b, 1), args[0]);
         out[n++] = ir_emit(&b, *at, o->nargs, args);
     }

@@ -317,7 +317,7 @@ static inline void fill(Data *d, const Case *c) {
             if (c->kind[k] == CONSTANT) s.lo = s.hi = s.v = c->constant;
             if (c->same && k == 1) s = d->sample[0][n];
             /* the bits of a NaN are nobody's promise */
-            if (c->op == OP_fasuint && isnan(s.v)) s = (Sample){1, 1, 1};
+            if ((c->op == OP_fasuint || c->op == OP_flogm) && isnan(s.v)) s = (Sample){1, 1, 1};
             d->sample[k][n] = s;
             if (c->same && k == 1) continue;
             put(d->in[slot_of(t, k, 0)], t, c->p, n, s.lo);

@@ -5,6 +5,7 @@ Each fit is a weighted minimax fit (Remez exchange) of sum c_k x^p_k to a functi
 rounded to the working precision. The last column of each comment is the relative error of the rounded polynomial. Needs mpmath.
 
     python3 fit_polynomials.py > ../../compiler/pass/lower_math_poly.h
+    python3 fit_polynomials.py logs                                         the tables of compiler/ir/logs.h
 """
 import struct
 import sys
@@ -158,6 +159,8 @@ def all_fits(f32):
     clo = 2 / LN2 - c
     if f32:
         fit('pow_32', f32, lambda x: at(x) - 2 / LN2 * x, odd(3, 7), relative(at), 0, top)
+        fit('log_tail_32', f32, lambda x: log(1 + x) - x + x * x / 2, list(range(3, 7)), relative(lambda x: log(1 + x)),
+            -mpf(1) / 16, mpf(1) / 16)
     else:
         fit('pow_64', f32, lambda x: at(x) - 2 / LN2 * x - 2 / LN2 / 3 * x ** 3, odd(5, 17), relative(at), 0, top)
     fit('asin_' + s, f32, lambda x: asin(x) - x, odd(3, pick(11, 27)), relative(asin), 0, 0.5)
@@ -169,6 +172,18 @@ def all_fits(f32):
         pick(0.875, 1), pick(4, 6))
     fit('rcbrt_' + s, f32, lambda x: 1 / cbrt(x), list(range(0, pick(4, 6))), cbrt, 1, 2)
 
+
+def log_tables():
+    """-ln r and ln 2, as a multiple of 2^-17 and a float."""
+    values = [-log(mpf(n) / 32) for n in (32, 29, 26, 24, 22, 20, 18, 17, 16)]
+    high = [floor(v * 2 ** 17) / 2 ** 17 for v in values]
+    for name, row in (('high', high), ('low', [round32(v - h) for v, h in zip(values, high)])):
+        print(f'log_table_{name}: ' + ', '.join(float(v).hex() for v in row))
+
+
+if sys.argv[1:] == ['logs']:
+    log_tables()
+    sys.exit()
 
 print("""/* Coefficients of lower_math: printed by tests/ir/fit_polynomials.py, which says how they were found. Do not edit. */
 #ifndef SALTUS_PASS_LOWER_MATH_POLY_H
@@ -182,6 +197,8 @@ print('static const double pi_fma_32[] = {' + ', '.join(float(p).hex() for p in 
 parts('pi_fma_64', pi, 0, 3)
 parts('pi_split_32', pi, 8, 5)
 parts('pi_split_64', pi, 33, 4)
+c = round32(1 / LN2)
+print(f'static const double one_over_ln2_32[] = {{{float(c).hex()}, {float(round32(1 / LN2 - c)).hex()}}};')
 l32 = [round32(LN2)]
 l32.append(round32(LN2 - l32[0]))
 print('static const double ln2_fma_32[] = {' + ', '.join(float(p).hex() for p in l32) + '};')

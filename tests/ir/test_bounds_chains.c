@@ -35,7 +35,8 @@ static Value pick(Builder *b, const Value *v, uint32_t n, IrType t) {
 
 /* Rows whose arguments have a domain stay out. */
 static bool anywhere(Op op) {
-    return !ir_ops[op].special && op != OP_fmant && op != OP_fexpo && op != OP_ftwoi && op != OP_fasuint;
+    return !ir_ops[op].special && op != OP_fmant && !ir_is_log_part(op) && op != OP_fexpo && op != OP_ftwoi &&
+           op != OP_fasuint;
 }
 
 typedef struct Chain {

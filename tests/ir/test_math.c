@@ -1,6 +1,7 @@
 /* Accuracy of lower_math: every elementary function, both precisions, with and without fma, against the C library's
  * long double. */
 #include "compiler/ir/bounds.h"
+#include "compiler/ir/rows.h"
 #include "compiler/pass/lower_math.h"
 #include "tests/ir/ir_test.h"
 
@@ -175,6 +176,27 @@ static void test_f32_plain(void **state) { (void)state, accuracy(PREC_F32, false
 static void test_f64_fma(void **state) { (void)state, accuracy(PREC_F64, true); }
 static void test_f64_plain(void **state) { (void)state, accuracy(PREC_F64, false); }
 
+/* The tables of compiler/ir/logs.h: the rest is exact in f32, the high part a multiple of 2^-17, and all parts together
+ * are the logarithm. */
+static void test_log_parts(void **state) {
+    (void)state;
+    uint64_t seed = 5;
+    for (int n = 0; n < 200000; n++) {
+        uint32_t bits = n < 4096 ? (uint32_t)n << 19 : (uint32_t)next_random(&seed) & 0x7fffffff;
+        float x, part[3], zero = 0;
+        memcpy(&x, &bits, sizeof x);
+        if (!isfinite(x) || x == 0) continue;
+        const Op ops[] = {OP_flogm, OP_flogh, OP_flogl};
+        for (int k = 0; k < 3; k++) rows_eval_f32((uint8_t)ops[k], 1, &part[k], &x, &zero, &zero);
+        double f, exact = x;
+        rows_eval_f64(OP_flogm, 1, &f, &exact, &exact, &exact);
+        assert_true((double)part[0] == f && fabs(f) <= 0x1.00001p-4);
+        assert_true(rint(ldexp((double)part[1], 17)) == ldexp((double)part[1], 17));
+        Real want = logl((Real)x), got = (Real)part[1] + (Real)part[2] + log1pl((Real)part[0]);
+        assert_true(fabsl(got - want) <= fabsl(want) * 0x1p-35L);
+    }
+}
+
 /* Every pair of edge values, for every function: as C's libm, also in the sign of zero. */
 static void edges(Precision p, bool fma) {
     bool f32 = p == PREC_F32;
@@ -337,7 +359,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_f32_fma),   cmocka_unit_test(test_f32_plain), cmocka_unit_test(test_f64_fma),
         cmocka_unit_test(test_f64_plain), cmocka_unit_test(test_edges),     cmocka_unit_test(test_overflow),
-        cmocka_unit_test(test_powers),    cmocka_unit_test(test_widening),
+        cmocka_unit_test(test_log_parts), cmocka_unit_test(test_powers),    cmocka_unit_test(test_widening),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

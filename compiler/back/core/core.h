@@ -87,7 +87,7 @@ typedef enum IfForm {
 } IfForm;
 IfForm back_if_form(const Plan *plan, const Inst *i);
 bool back_is_empty(const Block *b);        /* constants at most */
-uint32_t back_count_insts(const Block *b); /* with those of all regions */
+uint32_t back_count_insts(const Block *b); /* with those of all regions; what takes several counts so */
 
 /* Is v, the next value of carried parameter c, still c in lanes that have left the loop? */
 bool back_keeps_itself(const Plan *plan, const Inst *v, const Inst *c);

@@ -16,7 +16,7 @@ int back_check_width(Session *s, uint32_t width, const char **why) {
 uint32_t back_count_insts(const Block *b) {
     uint32_t n = 0;
     for (const Inst *i = b->first; i; i = i->next) {
-        n++;
+        n += ir_is_log_part(i->op) ? ir_ops[i->op].cost : 1;
         for (uint32_t r = 0; r < i->nregions; r++) n += back_count_insts(i->region[r]);
     }
     return n;

@@ -2,6 +2,9 @@
  * that say EMIT have a function here. Every operation is total: nothing a dead lane can hold traps or is undefined. */
 #include "compiler/back/cpu/emit.h"
 
+#include "compiler/ir/logs.h"
+#include "compiler/ir/range.h"
+
 #include <float.h>
 #include <math.h>
 #include <string.h>
@@ -189,6 +192,82 @@ static Part two_to(Emit *e, Part a) {
     return from_bits(e, LL(BuildShl)(e->b, biased, kb(e, biased, wide ? 52 : 23), ""));
 }
 
+/* ---- parts of logarithms (ir/logs.h) */
+static Part fused(Emit *e, Part a, Part b, Part c) {
+    Part x[3] = {a, b, c};
+    return intrinsic(e, OP_ffma, "llvm.fma", x, 3);
+}
+
+/* Element `at` of a table of n, 8 or 16, by its low bits alone. */
+static Part from_table(Emit *e, Part at, const double *table, uint32_t n) {
+    if (e->fn->precision == PREC_F32 && is_vector_type(e, LL(TypeOf)(at)) && e->L == n &&
+        e->opt->target.vector_bytes >= 32) {
+        Part lanes[16];
+        for (uint32_t l = 0; l < n; l++) lanes[l] = LL(ConstReal)(e->t_flt, table[l]);
+        Part x[2] = {LL(ConstVector)(lanes, n), at};
+        return emit_intrinsic(e, n == 16 ? "llvm.x86.avx512.permvar.sf.512" : "llvm.x86.avx2.permps", NULL, x, 2);
+    }
+    at = LL(BuildAnd)(e->b, at, kb(e, at, n - 1), "");
+    Part r = kf(e, at, table[0]);
+    for (uint32_t k = 1; k < n; k++) r = sel(e, icmp(e, LLVMIntEQ, at, kb(e, at, k)), kf(e, at, table[k]), r);
+    return r;
+}
+
+/* By the processor's own exponents and mantissas, which are right where x is 0, infinite or subnormal, and a NaN below
+ * 0 if asked to be. */
+static Part log_part_512(Emit *e, Op op, Part a, bool negative) {
+    LLVMTypeRef t = LL(TypeOf)(a), i = like(e, a, e->t_i32);
+    Part all = LL(ConstAllOnes)(LL(IntTypeInContext)(e->ctx, e->L)), as_set = emit_int(e, e->t_i32, 4);
+    Part in_binade = emit_int(e, e->t_i32, negative && op == OP_flogm ? 12 : 4 /* of |x| */);
+    Part to_mantissa[5] = {a, in_binade, LL(ConstNull)(t), all, as_set};
+    Part m = emit_intrinsic(e, "llvm.x86.avx512.mask.getmant.ps.512", NULL, to_mantissa, 5);
+    Part at = LL(BuildAdd)(e->b, LL(BuildBitCast)(e->b, m, i, ""), ki(e, m, LOG_OFFSET), "");
+    at = LL(BuildLShr)(e->b, at, ki(e, at, 20), ""); /* its low four bits are 8 + k, 0 where k is 8 */
+    const double *table = op == OP_flogm ? log_inverse : op == OP_flogh ? log_table_high : log_table_low;
+    double turned[16] = {table[8]};
+    for (uint32_t k = 0; k < 8; k++) turned[8 + k] = table[k];
+    Part v = from_table(e, at, turned, 16);
+    if (op == OP_flogm) return fused(e, m, v, kf(e, m, -1));
+    Part to_exponent[4] = {a, LL(ConstNull)(t), all, as_set};
+    Part n = emit_intrinsic(e, "llvm.x86.avx512.mask.getexp.ps.512", NULL, to_exponent, 4);
+    return fused(e, n, kf(e, n, op == OP_flogh ? log_ln2_high : log_ln2_low), v);
+}
+
+/* Elsewhere bits are taken apart: what carries into the exponent when LOG_OFFSET is added is k = 8, which is k = 0 of
+ * the next exponent: the same sums. Exponents stay where they are in the bits, and constants are so much smaller. */
+static Part log_part(Emit *e, const Inst *i, Part a) {
+    const bool wide = e->fn->precision == PREC_F64, negative = !ir_is_never_negative(i->args[0]);
+    if (e->opt->target.vector_bytes >= 64 && !wide && is_vector_type(e, LL(TypeOf)(a)) && e->L == 16)
+        return log_part_512(e, i->op, a, negative);
+    const int fraction = wide ? 52 : 23, up = wide ? 54 : 24;
+    const uint64_t one = wide ? 0x3ff0000000000000ull : 0x3f800000u;
+    const uint64_t exponents = wide ? 0x7ff0000000000000ull : 0x7f800000u;
+    Part size = intrin1(e, "llvm.fabs", a);
+    Part tiny = fcmp(e, LLVMRealOLT, size, kf(e, a, wide ? DBL_MIN : (double)FLT_MIN));
+    Part normal = sel(e, tiny, LL(BuildFMul)(e->b, size, kf(e, a, ldexp(1, up)), ""), size), bits = to_bits(e, normal);
+    Part moved = LL(BuildAdd)(e->b, bits, kb(e, bits, (uint64_t)LOG_OFFSET << (fraction - 23)), "");
+    Part at = LL(BuildLShr)(e->b, moved, kb(e, bits, (uint64_t)fraction - 3), "");
+    Part n = LL(BuildAnd)(e->b, moved, kb(e, bits, exponents), "");
+    n = LL(BuildSub)(e->b, n, kb(e, bits, one), "");
+    if (i->op == OP_flogm) {
+        Part m = from_bits(e, LL(BuildSub)(e->b, bits, n, ""));
+        m = fused(e, m, from_table(e, at, log_inverse, 8), kf(e, a, -1));
+        if (!negative) return m; /* of NaN the other parts are NaN */
+        return sel(e, fcmp(e, LLVMRealOGE, a, kf(e, a, 0)), m, kf(e, a, (double)NAN));
+    }
+    n = LL(BuildSub)(e->b, n, sel(e, tiny, kb(e, bits, (uint64_t)up << fraction), kb(e, bits, 0)), "");
+    if (wide) { /* the upper halves */
+        n = LL(BuildLShr)(e->b, n, kb(e, bits, 32), "");
+        n = LL(BuildTrunc)(e->b, n, like(e, a, e->t_i32), "");
+    }
+    n = LL(BuildSIToFP)(e->b, n, like(e, a, e->t_flt), "");
+    n = sel(e, fcmp(e, LLVMRealOLT, size, kf(e, a, (double)INFINITY)), n, size);
+    n = sel(e, fcmp(e, LLVMRealOEQ, size, kf(e, a, 0)), kf(e, a, (double)-INFINITY), n);
+    const double unit = i->op == OP_flogh ? log_ln2_high : log_ln2_low;
+    return fused(e, n, kf(e, a, unit * (wide ? 0x1p-20 : 0x1p-23)),
+                 from_table(e, at, i->op == OP_flogh ? log_table_high : log_table_low, 8));
+}
+
 /* v, or 0 where a is. With masks the condition says where it is not: then what makes v clears the other lanes itself,
  * and LLVM turns no condition round that is asked for more than once. */
 static bool has_masks(const Emit *e) { return e->opt->target.vector_bytes >= 64; }
@@ -229,6 +308,9 @@ static Part emit_row(Emit *e, const Inst *i, Part *x) {
         a = LL(BuildBitCast)(e->b, a, like(e, a, e->t_f32), "");
         return e->fn->precision == PREC_F64 ? LL(BuildFPExt)(e->b, a, like(e, a, e->t_f64), "") : a;
     case OP_fmant: return mantissa(e, a);
+    case OP_flogm:
+    case OP_flogh:
+    case OP_flogl: return log_part(e, i, a);
     case OP_fexpo: return exponent(e, a);
     case OP_ftwoi: return two_to(e, a);
     case OP_fisnan: return fcmp(e, LLVMRealUNO, a, a);
