@@ -357,6 +357,7 @@ static bool never_negative(const Inst *v, uint32_t depth) {
     case OP_fabs:
     case OP_fexp:
     case OP_fexp2:
+    case OP_facos:
     case OP_fcosh: return true;
     case OP_fsqrt: return depth && never_negative(v->args[0], depth - 1);
     case OP_fmul:

@@ -1,6 +1,7 @@
 /* exp, log and what is made of them. */
 #include <math.h>
 
+#include "compiler/ir/range.h"
 #include "compiler/pass/lower_math.h"
 #include "compiler/pass/lower_math_poly.h"
 
@@ -32,6 +33,9 @@ static Power split_power(Gen *g, Inst *x, double factor, int shift) {
 }
 
 static Inst *clamped(Gen *g, Inst *x, int clamp, double low, double high) {
+    const IrRange r = ir_range_rounded(x);
+    if (!(r.beyond & ~IR_NAN) && r.hi < high - 1) clamp &= ~EXP_CLAMP_HIGH;
+    if (!(r.beyond & ~IR_NAN) && r.lo > low + 1) clamp &= ~EXP_CLAMP_LOW;
     if (clamp & EXP_CLAMP_HIGH) x = op2(g, OP_fmin, x, num(g, high)); /* a NaN in x stays */
     if (clamp & EXP_CLAMP_LOW) x = op2(g, OP_fmax, x, num(g, low));
     return x;

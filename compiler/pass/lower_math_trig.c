@@ -1,6 +1,7 @@
 /* Trigonometric functions and their inverses. */
 #include <math.h>
 
+#include "compiler/ir/range.h"
 #include "compiler/pass/lower_math.h"
 #include "compiler/pass/lower_math_poly.h"
 
@@ -26,7 +27,18 @@ static Inst *sin_core(Gen *g, Inst *r) {
     return op2(g, OP_fmax, op2(g, OP_fmin, y, num(g, 1)), num(g, -1));
 }
 
+/* Of arguments in [-1.5, 1.5] nothing is reduced. The bits are the same (for all floats, tried), so that it does not
+ * matter which kernel knows. */
+static bool is_small(const Gen *g, const Inst *x) {
+    const IrRange r = ir_range_rounded(x);
+    return !g->f64 && g->fma && r.lo >= -1.5 && r.hi <= 1.5 && !(r.beyond & ~IR_NAN);
+}
+
 Inst *math_sin(Gen *g, Inst *x) {
+    if (is_small(g, x)) {
+        Inst *r2 = mul(g, x, x);
+        return odd_sum(g, x, r2, POLY32(g, sin_half, r2));
+    }
     if (g->f64) {
         Inst *k = op1(g, OP_fround, scale(g, x, one_over_pi));
         Inst *sign = mad(g, parity_64(g, k), num(g, -2), num(g, 1));
@@ -42,6 +54,11 @@ Inst *math_sin(Gen *g, Inst *x) {
 /* cos(x) = (-1)^(j + 1) sin(x - (j + 1/2) pi): the zeros of cos are the zeros of the polynomial, so they keep their
  * relative accuracy. */
 Inst *math_cos(Gen *g, Inst *x) {
+    if (is_small(g, x)) { /* sin(pi/2 - |x|), in which the third part of pi is lost; near 0 the polynomial exceeds 1 */
+        Inst *a = ir_is_never_negative(x) ? x : op1(g, OP_fabs, x);
+        Inst *r = add(g, sub(g, num(g, pi_fma_32[0] / 2), a), num(g, pi_fma_32[1] / 2)), *r2 = mul(g, r, r);
+        return op2(g, OP_fmin, odd_sum(g, r, r2, POLY32(g, sin_half, r2)), num(g, 1));
+    }
     Inst *q = mad(g, x, num(g, one_over_pi), num(g, -0.5));
     if (g->f64) {
         Inst *j = op1(g, OP_fround, q);

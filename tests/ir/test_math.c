@@ -328,6 +328,45 @@ static void test_widening(void **state) {
         }
 }
 
+/* What is known of an argument leaves operations out and changes no bit. */
+static void test_known_arguments(void **state) {
+    (void)state;
+    enum { CASES = 4, SIZE = 8192 };
+    static const Op ops[CASES] = {OP_fsin, OP_fcos, OP_fexp, OP_fexp2};
+    TestFn t = open_fn(PREC_F32);
+    Inst *x = ir_input(&t.b, IN_X0), *out[2 * CASES];
+    Inst *small = ir_emit2(&t.b, OP_fmax, ir_emit2(&t.b, OP_fmin, x, ir_constf(&t.b, 1.4)), ir_constf(&t.b, -1.4));
+    Inst *negative = ir_emit1(&t.b, OP_fneg, ir_emit1(&t.b, OP_fabs, x));
+    for (uint32_t k = 0; k < CASES; k++) {
+        out[2 * k] = ir_emit1(&t.b, ops[k], x);
+        out[2 * k + 1] = ir_emit1(&t.b, ops[k], k < 2 ? small : negative);
+    }
+    ir_yield(&t.b, 2 * CASES, out);
+    const uint32_t before = 2 * (15 + 17 + 13 + 12);
+    PassCtx ctx = {.session = t.s, .has_fma = true};
+    assert_true(lower_math(&ctx, t.fn));
+    uint32_t count = 0;
+    for (const Inst *i = t.fn->body->first; i; i = i->next)
+        count += !ir_is_const(i) && i->op != OP_input && i->op != OP_yield && i->op != OP_fasuint &&
+                 i->op != OP_iasfloat && i->op != OP_fneg;
+    assert_true(count < before - 10);
+    static float in[SIZE], got[2 * CASES][SIZE];
+    uint64_t seed = 3;
+    SltKernelArgs args = {.in = {in}};
+    for (uint32_t k = 0; k < 2 * CASES; k++) args.out[k] = got[k];
+    for (uint32_t n = 0; n < SIZE; n++)
+        in[n] = (float)(n & 1 ? -1.4 * uniform(&seed) : -exp2(uniform(&seed) * 60 - 59.5)) * (n & 2 ? -1 : 1);
+    in[0] = 0, in[1] = -0.0f, in[2] = 1.4f, in[3] = -1.4f, in[4] = NAN;
+    assert_int_equal(run(t.fn, &args, SIZE, 16), SLT_OK);
+    for (uint32_t k = 0; k < CASES; k++)
+        for (uint32_t n = 0; n < SIZE; n++) {
+            if (fabsf(in[n]) > 1.4f || (k > 1 && !signbit(in[n])) || isnan(in[n])) continue;
+            assert_memory_equal(&got[2 * k][n], &got[2 * k + 1][n], sizeof(float));
+        }
+    for (uint32_t k = 0; k < CASES; k++) assert_true(isnan(got[2 * k + 1][4]));
+    close_fn(&t);
+}
+
 /* pow(x, n) as products: values and the exponents it leaves alone. */
 static void test_powers(void **state) {
     (void)state;
@@ -357,9 +396,10 @@ static void test_powers(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_f32_fma),   cmocka_unit_test(test_f32_plain), cmocka_unit_test(test_f64_fma),
-        cmocka_unit_test(test_f64_plain), cmocka_unit_test(test_edges),     cmocka_unit_test(test_overflow),
-        cmocka_unit_test(test_log_parts), cmocka_unit_test(test_powers),    cmocka_unit_test(test_widening),
+        cmocka_unit_test(test_f32_fma),   cmocka_unit_test(test_f32_plain),       cmocka_unit_test(test_f64_fma),
+        cmocka_unit_test(test_f64_plain), cmocka_unit_test(test_edges),           cmocka_unit_test(test_overflow),
+        cmocka_unit_test(test_log_parts), cmocka_unit_test(test_known_arguments), cmocka_unit_test(test_powers),
+        cmocka_unit_test(test_widening),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
