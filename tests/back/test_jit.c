@@ -332,6 +332,52 @@ static void test_rows(void **state) {
     session_destroy(s);
 }
 
+/* Integers whose NaN nothing shows (emit_nan.c), beside some whose NaN shows: behind a comparison, in a branch, alone,
+ * and beside a sum that is no NaN where the argument is. */
+static Fn *noise_program(Session *s, Precision p) {
+    Fn *fn = ir_fn(s, &s->module, "f", p);
+    Builder b = ir_at_end(fn, fn->body);
+    Inst *out[5], *two = ir_constf(&b, 2), *seven = ir_consti(&b, 7);
+    for (uint32_t k = 0; k < 5; k++) {
+        Inst *x = ir_emit2(&b, OP_fmul, ir_input(&b, (InputSlot)(IN_X0 + k % 2)), ir_constf(&b, k + 1));
+        Inst *whole = ir_emit1(&b, OP_ffloor, x), *f = ir_emit2(&b, OP_fsub, x, whole);
+        Inst *i = ir_emit1(&b, OP_f2i, whole);
+        Inst *next = ir_emit1(&b, OP_i2f, ir_emit2(&b, OP_imul, ir_emit2(&b, OP_iadd, i, ir_consti(&b, 1)), seven));
+        Inst *here = ir_emit1(&b, OP_i2f, ir_emit2(&b, OP_imul, i, seven));
+        Inst *v = ir_emit3(&b, OP_ffma, f, ir_emit2(&b, OP_fsub, next, here), here);
+        if (k == 1) v = ir_emit3(&b, OP_fsel, ir_emit2(&b, OP_flt, here, two), v, two);
+        if (k == 2) v = ir_emit2(&b, OP_fmin, two, v);
+        if (k == 3) v = ir_emit2(&b, OP_fadd, v, ir_emit2(&b, OP_fmax, two, here)), v = ir_emit2(&b, OP_fmin, here, v);
+        if (k == 4) v = ir_emit2(&b, OP_fmul, here, two);
+        out[k] = v;
+    }
+    ir_yield(&b, 5, out);
+    return fn;
+}
+
+static void test_hidden_integers(void **state) {
+    (void)state;
+    Session *s = session_create(0);
+    for (int p = 0; p < 2; p++)
+        for (int t = 0; t < 3; t++) {
+            if (!host_runs(target_names[t])) continue;
+            Fn *fn = noise_program(s, (Precision)p);
+            Data d;
+            make_data(&d, fn->precision);
+            const double odd[] = {NAN, INFINITY, -INFINITY, 3e9, -3e9, 2147483648.0, -0.0};
+            for (int k = 0; k < 14; k++)
+                if (p == PREC_F32) ((float *)d.in[IN_X0 + k % 2])[3 * k] = (float)odd[k / 2];
+                else ((double *)d.in[IN_X0 + k % 2])[3 * k] = odd[k / 2];
+            Result want;
+            run_interpreter(fn, &d, &want, N, N, 16);
+            for (uint32_t w = 1; w <= 64; w *= 4)
+                check(s, fn, &d, target_names[t], w, ADJ_LANES, 2, &want, N, N, "noise");
+            free_result(&want);
+            free_data(&d);
+        }
+    session_destroy(s);
+}
+
 /* ---- random programs */
 static void one_program(Session *s, uint64_t seed, uint32_t size) {
     rng = seed * 77 + 5;
@@ -455,6 +501,7 @@ static void test_shapes(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_rows),
+        cmocka_unit_test(test_hidden_integers),
         cmocka_unit_test(test_shapes),
         cmocka_unit_test(test_random_programs),
     };

@@ -490,6 +490,7 @@ const char *back_emit_kernel(const LlvmApi *ll, LLVMContextRef ctx, LLVMModuleRe
     init_types(e);
     uint32_t count = ir_number(k->fn);
     e->val = ARENA_ARRAY(e->arena, Part, (size_t)count * e->P + 1);
+    emit_find_hidden(e);
     const Inst *yield = ir_yield_of(k->fn->body);
     if (yield->nargs > SLT_OUT_MAX)
         return arena_printf(e->arena, "kernel %s has %u outputs; the limit is %d", k->name, yield->nargs, SLT_OUT_MAX);

@@ -52,6 +52,7 @@ typedef struct Emit {
     Part *val;            /* by id * P + part */
     uint32_t *uses;       /* by id; NULL: nobody has asked */
     bool *by_steps;       /* by id: a root that the divider does not take; NULL: there is none */
+    bool *hidden;         /* by id: an integer on which nothing hangs where its argument is NaN; NULL: there is none */
     ChunkState *chunks;   /* of a straight-line program in chunks; NULL: it is not */
     uint64_t frame_bytes; /* of local arrays so far */
     uint32_t since_split; /* instructions since the current block began */
@@ -123,6 +124,9 @@ bool emit_lookup(Emit *e, const EmitRun *run);             /* false: nothing is,
 /* ---- emit_newton.c: roots by Newton's steps, where the divider would be waited for */
 void emit_choose_roots(Emit *e, const Block *body); /* of a loop: which of them, into by_steps */
 Part emit_root_by_steps(Emit *e, Part v);           /* one part, of 64 bytes; every bit is that of the root */
+
+/* ---- emit_nan.c */
+void emit_find_hidden(Emit *e); /* integers whose NaN nobody can tell, into hidden */
 
 /* ---- emit_quotient.c: quotients by constants, as two products; every bit is that of the quotient */
 bool emit_divides_by_products(const Emit *e, const Inst *i, float inverse[2]);

@@ -141,10 +141,10 @@ Part emit_converted(Emit *e, Part a, Part keep, bool is_signed) {
     return keep ? sel(e, keep, r, LL(ConstNull)(i)) : r;
 }
 
-static Part float_to_int(Emit *e, Part a, bool is_signed) {
+static Part float_to_int(Emit *e, Part a, bool is_signed, bool nan_too /* gives any integer */) {
     LLVMTypeRef i = like(e, a, e->t_i32);
-    Part fast =
-        emit_converted(e, a, is_signed ? fcmp(e, LLVMRealORD, a, a) : fcmp(e, LLVMRealOGE, a, kf(e, a, 0)), is_signed);
+    Part keep = !is_signed ? fcmp(e, LLVMRealOGE, a, kf(e, a, 0)) : nan_too ? NULL : fcmp(e, LLVMRealORD, a, a);
+    Part fast = emit_converted(e, a, keep, is_signed);
     if (fast && !is_signed) return fast;
     if (fast) { /* 2^31 - 1 where 2^31 does not fit: one less */
         const Part above = fcmp(e, LLVMRealOGE, a, kf(e, a, 2147483648.0)), less = ki(e, fast, UINT32_MAX);
@@ -300,7 +300,7 @@ static Part emit_row(Emit *e, const Inst *i, Part *x) {
     case OP_i2f: return LL(BuildSIToFP)(e->b, a, like(e, a, e->t_flt), "");
     case OP_u2f: return LL(BuildUIToFP)(e->b, a, like(e, a, e->t_flt), "");
     case OP_f2i:
-    case OP_f2u: return float_to_int(e, a, i->op == OP_f2i);
+    case OP_f2u: return float_to_int(e, a, i->op == OP_f2i, e->hidden && e->hidden[i->id]);
     case OP_fasuint:
         if (e->fn->precision == PREC_F64) a = LL(BuildFPTrunc)(e->b, a, like(e, a, e->t_f32), "");
         return LL(BuildBitCast)(e->b, a, like(e, a, e->t_i32), "");
