@@ -116,8 +116,9 @@ LogParts math_log_parts(Gen *g, Inst *x) {
 
 Inst *math_log(Gen *g, Inst *x) {
     if (!g->f64 && g->fma) {
-        LogParts p = math_log_parts(g, x);
-        return add(g, p.high, add(g, p.lead, p.tail));
+        Inst *f = op1(g, OP_flogm, x);
+        Inst *tail = mad(g, mul(g, f, f), POLY32(g, log_near, f), op1(g, OP_flogl, x));
+        return add(g, op1(g, OP_flogh, x), add(g, f, tail));
     }
     Inst *m, *e;
     math_split(g, x, &m, &e);

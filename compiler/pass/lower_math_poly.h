@@ -33,6 +33,8 @@ static const double log2_32[] = {0x1.7154760000000p+0, -0x1.7154700000000p-1, 0x
 static const double pow_32[] = {0x1.ec70d20000000p-1, 0x1.274c580000000p-1, 0x1.b94b120000000p-2};
 /* log_tail_32: powers 3..6 on [-0.0625, 0.0625], error 3.5e-10 */
 static const double log_tail_32[] = {0x1.5555160000000p-2, -0x1.ffff780000000p-3, 0x1.9b31b40000000p-3, -0x1.56d87c0000000p-3};
+/* log_near_32: powers 2..6 on [-0.0625, 0.0625], error 3.6e-10 */
+static const double log_near_32[] = {-0x1.0000000000000p-1, 0x1.5555160000000p-2, -0x1.ffff4a0000000p-3, 0x1.9b32580000000p-3, -0x1.56f6260000000p-3};
 /* asin_32: powers 3..11 on [0, 0.5], error 5.6e-09 */
 static const double asin_32[] = {0x1.5555c80000000p-3, 0x1.3301e60000000p-4, 0x1.747e3e0000000p-5, 0x1.8c28640000000p-6, 0x1.596d360000000p-5};
 /* atan_32: powers 3..17 on [0, 1], error 2.1e-08 */

@@ -161,6 +161,8 @@ def all_fits(f32):
         fit('pow_32', f32, lambda x: at(x) - 2 / LN2 * x, odd(3, 7), relative(at), 0, top)
         fit('log_tail_32', f32, lambda x: log(1 + x) - x + x * x / 2, list(range(3, 7)), relative(lambda x: log(1 + x)),
             -mpf(1) / 16, mpf(1) / 16)
+        fit('log_near_32', f32, lambda x: log(1 + x) - x, list(range(2, 7)), relative(lambda x: log(1 + x)), -mpf(1) / 16,
+            mpf(1) / 16)
     else:
         fit('pow_64', f32, lambda x: at(x) - 2 / LN2 * x - 2 / LN2 / 3 * x ** 3, odd(5, 17), relative(at), 0, top)
     fit('asin_' + s, f32, lambda x: asin(x) - x, odd(3, pick(11, 27)), relative(asin), 0, 0.5)
