@@ -670,3 +670,297 @@ INL uint32_t px_lyapunov(float u, float v, DATA d) {
     return pack(0.0f, 0.0f, minf(l, 1.0f));
 }
 KERNEL(lyapunov)
+
+/* A walk through a grid of blocks, cell by cell; d = {x, y, z, turn} */
+INL uint32_t px_voxels(float u, float v, DATA d) {
+    float rx = (u - 0.5f) * 1.5f, ry = (0.5f - v) * 1.5f - 0.35f, rz = 1.3f;
+    float il = 1.0f / len3(rx, ry, rz), c = cosf(d[3]), s = sinf(d[3]);
+    float kx = (c * rx + s * rz) * il;
+    rz = (c * rz - s * rx) * il;
+    rx = kx;
+    ry *= il;
+    int ix = (int)floorf(d[0]), iy = (int)floorf(d[1]), iz = (int)floorf(d[2]);
+    int sx = rx < 0.0f ? -1 : 1, sy = ry < 0.0f ? -1 : 1, sz = rz < 0.0f ? -1 : 1;
+    float dx = fabsf(1.0f / rx), dy = fabsf(1.0f / ry), dz = fabsf(1.0f / rz);
+    float fx = d[0] - floorf(d[0]), fy = d[1] - floorf(d[1]), fz = d[2] - floorf(d[2]);
+    float tx = dx * (sx > 0 ? 1.0f - fx : fx), ty = dy * (sy > 0 ? 1.0f - fy : fy), tz = dz * (sz > 0 ? 1.0f - fz : fz);
+    float t = 0.0f, light = 0.0f;
+    uint32_t h = 0u;
+    for (UNI int i = 0; i < 64; i++) {
+        if (tx < ty && tx < tz) {
+            ix += sx;
+            t = tx;
+            tx += dx;
+            light = 0.7f;
+        } else if (ty < tz) {
+            iy += sy;
+            t = ty;
+            ty += dy;
+            light = sy < 0 ? 1.0f : 0.35f;
+        } else {
+            iz += sz;
+            t = tz;
+            tz += dz;
+            light = 0.5f;
+        }
+        h = hash2(ix, iz);
+        if (iy < (int)(h & 7u) - 2) break;
+    }
+    if (t > 30.0f) return pack(0.6f, 0.75f, 0.95f);
+    float fog = expf(-0.05f * t), g = 0.4f + (float)(int)((h >> 4) & 15u) * (1.0f / 30.0f);
+    return pack(mix(0.6f, light * g, fog), mix(0.75f, light * (0.5f + 0.5f * g), fog), mix(0.95f, 0.3f * light, fog));
+}
+KERNEL(voxels)
+
+/* The median of nine values of a noisy picture */
+INL float speckled(float x, float y) {
+    uint32_t h = hash2((int)x, (int)y) & 15u;
+    float s = 0.5f + 0.5f * sinf(0.02f * x) * cosf(0.03f * y);
+    return h == 0u ? 0.0f : h == 1u ? 1.0f : s;
+}
+INL uint32_t px_median(float u, float v, DATA d) {
+    float x = floorf(u * d[0]), y = floorf(v * d[0]), p[9];
+    for (UNI int j = 0; j < 3; j++)
+        for (UNI int i = 0; i < 3; i++) p[3 * j + i] = speckled(x + (float)i, y + (float)j);
+    for (UNI int k = 0; k < 5; k++)
+        for (UNI int i = 0; i < 8 - k; i++) {
+            float lo = minf(p[i], p[i + 1]), hi = maxf(p[i], p[i + 1]);
+            p[i] = lo;
+            p[i + 1] = hi;
+        }
+    return pack(p[4], p[4] * p[4], 0.5f * (p[3] + p[5]));
+}
+KERNEL(median)
+
+/* A complex function by its argument and magnitude; d = {size} */
+INL float hue(float h, float k) {
+    float t = fabsf(6.0f * fract(h + k) - 3.0f) - 1.0f;
+    return clamp01(t);
+}
+INL uint32_t px_complex(float u, float v, DATA d) {
+    float x = (u - 0.5f) * d[0], y = (0.5f - v) * d[0];
+    float ax = x * x - y * y - 1.0f, ay = 2.0f * x * y;
+    float bx = x - 2.0f, by = y - 1.0f;
+    float cx = bx * bx - by * by, cy = 2.0f * bx * by;
+    float nx = ax * cx - ay * cy, ny = ax * cy + ay * cx, qx = x * x - y * y + 2.0f, qy = 2.0f * x * y + 2.0f;
+    float m = 1.0f / (qx * qx + qy * qy + 1e-20f);
+    float wx = (nx * qx + ny * qy) * m, wy = (ny * qx - nx * qy) * m;
+    float h = atan2f(wy, wx) * 0.15915494f, l = log2f(wx * wx + wy * wy + 1e-20f);
+    float k = 0.6f + 0.4f * sqrtf(fract(0.5f * l)), g = powf(fabsf(sinf(3.14159265f * 6.0f * h)), 0.3f);
+    float w = k * (0.7f + 0.3f * g);
+    return pack(w * hue(h, 0.0f), w * hue(h, 0.6666667f), w * hue(h, 0.3333333f));
+}
+KERNEL(complex)
+
+/* Light bent by a black hole, a disc of gas around it; d = {height, mass} */
+INL uint32_t px_hole(float u, float v, DATA d) {
+    float x = 0.0f, y = d[0], z = -9.0f, vx = (u - 0.5f) * 1.2f, vy = (0.5f - v) * 1.2f - 0.11f, vz = 1.0f;
+    float il = 1.0f / len3(vx, vy, vz), r = 0.0f, g = 0.0f, b = 0.0f;
+    vx *= il;
+    vy *= il;
+    vz *= il;
+    float cx = y * vz - z * vy, cy = z * vx - x * vz, cz = x * vy - y * vx;
+    float h2 = cx * cx + cy * cy + cz * cz;
+    int fell = 0;
+    for (UNI int i = 0; i < 90; i++) {
+        float q = x * x + y * y + z * z;
+        if (q < 1.0f) {
+            fell = 1;
+            break;
+        }
+        if (q > 120.0f) break;
+        float k = -1.5f * d[1] * h2 / (q * q * sqrtf(q)), step = 0.12f + 0.012f * q, oy = y;
+        if (step > 0.5f) step = 0.5f;
+        vx += step * k * x;
+        vy += step * k * y;
+        vz += step * k * z;
+        x += step * vx;
+        y += step * vy;
+        z += step * vz;
+        if (oy * y < 0.0f) {
+            float rho = len2(x, z);
+            if (rho > 2.2f && rho < 6.0f) {
+                float e = expf(-0.5f * (rho - 2.2f)) * (0.7f + 0.3f * sinf(9.0f * rho));
+                r += 1.4f * e;
+                g += 0.8f * e;
+                b += 0.4f * e;
+            }
+        }
+    }
+    if (fell == 0) {
+        float s = 0.1f + 0.1f * vy;
+        r += s;
+        g += s;
+        b += 2.0f * s;
+    }
+    return pack(r, g, b);
+}
+KERNEL(hole)
+
+/* 24 triangles {three corners x, y, z}, the nearest is seen */
+INL uint32_t px_triangles(float u, float v, DATA d) {
+    float depth = 1e9f, r = 0.1f, g = 0.12f, b = 0.15f;
+    for (UNI int i = 0; i < 24; i++) {
+        UNI const float ax = d[9 * i], ay = d[9 * i + 1], az = d[9 * i + 2], bx = d[9 * i + 3], by = d[9 * i + 4];
+        UNI const float bz = d[9 * i + 5], cx = d[9 * i + 6], cy = d[9 * i + 7], cz = d[9 * i + 8];
+        UNI const float area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax);
+        float p = ((bx - u) * (cy - v) - (by - v) * (cx - u)) / area;
+        float q = ((cx - u) * (ay - v) - (cy - v) * (ax - u)) / area;
+        float s = 1.0f - p - q;
+        if (p >= 0.0f && q >= 0.0f && s >= 0.0f) {
+            float z = p * az + q * bz + s * cz;
+            if (z < depth) {
+                depth = z;
+                r = p;
+                g = q;
+                b = s;
+            }
+        }
+    }
+    return pack(r, g, b);
+}
+KERNEL(triangles)
+
+/* Smoke of noise whose hash is that of sines; d = {time} */
+INL float sine_hash(float x, float y) { return fract(sinf(x * 12.9898f + y * 78.233f) * 437.5453f); }
+INL float sine_noise(float x, float y) {
+    float ix = floorf(x), iy = floorf(y);
+    float fx = x - ix, fy = y - iy;
+    fx = fx * fx * (3.0f - 2.0f * fx);
+    fy = fy * fy * (3.0f - 2.0f * fy);
+    return mix(mix(sine_hash(ix, iy), sine_hash(ix + 1.0f, iy), fx),
+               mix(sine_hash(ix, iy + 1.0f), sine_hash(ix + 1.0f, iy + 1.0f), fx), fy);
+}
+INL float smoke_fbm(float x, float y) {
+    float s = 0.0f, a = 0.5f;
+    for (UNI int i = 0; i < 4; i++) {
+        s += a * sine_noise(x, y);
+        float t = 1.6f * x + 1.2f * y;
+        y = 1.6f * y - 1.2f * x;
+        x = t;
+        a *= 0.5f;
+    }
+    return s;
+}
+INL uint32_t px_smoke(float u, float v, DATA d) {
+    float x = 4.0f * u, y = 4.0f * v;
+    float qx = smoke_fbm(x, y + d[0]), qy = smoke_fbm(x + 5.2f, y + 1.3f);
+    float f = smoke_fbm(x + 3.0f * qx, y + 3.0f * qy + 0.5f * d[0]);
+    float k = clamp01(f * f * 3.0f);
+    return pack(mix(0.1f, 0.95f, k), mix(0.15f + 0.3f * qx, 0.8f, k), mix(0.3f + 0.3f * qy, 0.7f, k));
+}
+KERNEL(smoke)
+
+/* Gabor's noise: in every cell two kernels, a wave in a Gaussian; d = {cells, frequency, angle} */
+INL uint32_t px_gabor(float u, float v, DATA d) {
+    float x = u * d[0], y = v * d[0];
+    float flx = floorf(x), fly = floorf(y), sum = 0.0f;
+    for (UNI int j = -1; j <= 1; j++)
+        for (UNI int i = -1; i <= 1; i++) {
+            uint32_t h = hash2((int)flx + i, (int)fly + j);
+            for (UNI int k = 0; k < 2; k++) {
+                float px = (float)(int)(h & 255u) * (1.0f / 256.0f),
+                      py = (float)(int)((h >> 8) & 255u) * (1.0f / 256.0f);
+                float w = (h & 0x10000u) != 0u ? 1.0f : -1.0f, a = d[2] + (float)(int)((h >> 17) & 63u) * 0.01f;
+                float ex = x - flx - (float)i - px, ey = y - fly - (float)j - py;
+                sum += w * expf(-3.0f * (ex * ex + ey * ey)) * cosf(d[1] * (ex * cosf(a) + ey * sinf(a)));
+                h = h * 1664525u + 1013904223u;
+            }
+        }
+    float s = 0.5f + 0.35f * sum;
+    return pack(s, 0.9f * s + 0.05f, 0.7f * s + 0.1f);
+}
+KERNEL(gabor)
+
+/* Sunflower: the nearest of seeds in a spiral of golden angles; d = {seeds} */
+INL uint32_t px_seeds(float u, float v, DATA d) {
+    float x = 2.0f * u - 1.0f, y = 2.0f * v - 1.0f;
+    float n = (x * x + y * y) * d[0], best = 1e9f, which = 0.0f;
+    float first = floorf(n - 18.0f);
+    for (UNI int i = 0; i < 36; i++) {
+        float k = first + (float)i;
+        if (k < 0.0f) continue;
+        float r = sqrtf((k + 0.5f) / d[0]), a = 2.3999632f * k;
+        float q = sq(x - r * cosf(a)) + sq(y - r * sinf(a));
+        if (q < best) {
+            best = q;
+            which = k;
+        }
+    }
+    float s = sqrtf(best * d[0]);
+    float disc = 1.0f - smooth(0.6f, 0.75f, s), t = which / d[0];
+    return pack(mix(0.1f, 0.9f - 0.3f * t, disc), mix(0.08f, 0.7f * t + 0.2f * s, disc), mix(0.05f, 0.1f, disc));
+}
+KERNEL(seeds)
+
+/* Where a comet is at a time: Kepler's equation, by Newton; d = {eccentricity} */
+INL uint32_t px_kepler(float u, float v, DATA d) {
+    float mean = 6.2831853f * u, e = 0.97f * v * d[0];
+    float E = mean + 0.85f * e;
+    for (UNI int i = 0; i < 6; i++) E -= (E - e * sinf(E) - mean) / (1.0f - e * cosf(E));
+    float x = cosf(E) - e, y = sqrtf(1.0f - e * e) * sinf(E), r = 1.0f - e * cosf(E);
+    return pack(0.5f + 0.25f * x, 0.5f + 0.5f * y, 0.2f / r);
+}
+KERNEL(kepler)
+
+/* A ball of glass over a chequered floor: what it reflects and refracts, by Fresnel; d = {index} */
+INL float glass_scene(float y, float rx, float ry, float rz, float x, float z) {
+    if (ry >= -1e-3f) return 0.7f + 0.3f * ry;
+    float t = -(y + 1.0f) / ry;
+    float fx = floorf(x + t * rx), fz = floorf(z + t * rz);
+    float f = fx + fz;
+    float k = f - 2.0f * floorf(0.5f * f) > 0.5f ? 0.85f : 0.15f;
+    return mix(0.7f, k, expf(-0.05f * t));
+}
+INL float schlick(float c, float f0) {
+    float m = 1.0f - c;
+    return f0 + (1.0f - f0) * m * m * m * m * m;
+}
+INL uint32_t px_glass(float u, float v, DATA d) {
+    float rx = (u - 0.5f) * 1.2f, ry = (0.5f - v) * 1.2f - 0.15f, rz = 1.2f;
+    float il = 1.0f / len3(rx, ry, rz);
+    const float oy = 0.5f, oz = -3.5f;
+    rx *= il;
+    ry *= il;
+    rz *= il;
+    float p = oy * ry + oz * rz;
+    float q = p * p - (oy * oy + oz * oz - 1.0f);
+    if (q < 0.0f) {
+        float s = glass_scene(oy, rx, ry, rz, 0.0f, oz);
+        return pack(s, s, 0.1f + 0.9f * s);
+    }
+    float t = -p - sqrtf(q);
+    float x = t * rx, y = oy + t * ry, z = oz + t * rz;
+    float c = -(x * rx + y * ry + z * rz);
+    float f0 = sq((d[0] - 1.0f) / (d[0] + 1.0f));
+    float F = schlick(c, f0);
+    float mirror = glass_scene(y, rx + 2.0f * c * x, ry + 2.0f * c * y, rz + 2.0f * c * z, x, z), through = 0.0f,
+          w = 1.0f;
+    float eta = 1.0f / d[0];
+    float k = eta * c - sqrtf(1.0f - eta * eta * (1.0f - c * c));
+    rx = eta * rx + k * x;
+    ry = eta * ry + k * y;
+    rz = eta * rz + k * z;
+    for (UNI int i = 0; i < 4; i++) {
+        float s = -2.0f * (x * rx + y * ry + z * rz);
+        x += s * rx;
+        y += s * ry;
+        z += s * rz;
+        float o = x * rx + y * ry + z * rz;
+        float m = 1.0f - d[0] * d[0] * (1.0f - o * o), f = 1.0f;
+        if (m > 0.0f) {
+            float n = sqrtf(m);
+            f = schlick(n, f0);
+            float g = n - d[0] * o;
+            through += w * (1.0f - f) * glass_scene(y, d[0] * rx + g * x, d[0] * ry + g * y, d[0] * rz + g * z, x, z);
+        }
+        w *= f;
+        if (w < 0.01f) break;
+        rx -= 2.0f * o * x;
+        ry -= 2.0f * o * y;
+        rz -= 2.0f * o * z;
+    }
+    float s = mix(through, mirror, F);
+    return pack(0.95f * s, s, 0.1f + 0.9f * s);
+}
+KERNEL(glass)
