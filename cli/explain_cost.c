@@ -17,10 +17,10 @@ static bool is_of_samples(int kind) {
 
 static const char *width_key(WidthWhy why) {
     static const char *const keys[] = {
-        [WIDTH_GIVEN] = "given",         [WIDTH_FEW] = "few_samples",      [WIDTH_MOST_CODE] = "most_code",
-        [WIDTH_MUCH_CODE] = "much_code", [WIDTH_STRAIGHT] = "no_loop",     [WIDTH_NEIGHBOURS] = "neighbours",
-        [WIDTH_LONG_LOOP] = "long_loop", [WIDTH_MUCH_KEPT] = "much_kept",  [WIDTH_MANY_MASKS] = "many_masks",
-        [WIDTH_IMAGE] = "image",         [WIDTH_SHORT_LOOP] = "short_loop"};
+        [WIDTH_GIVEN] = "given",         [WIDTH_FEW] = "few_samples",     [WIDTH_MOST_CODE] = "most_code",
+        [WIDTH_MUCH_CODE] = "much_code", [WIDTH_STRAIGHT] = "no_loop",    [WIDTH_NEIGHBOURS] = "neighbours",
+        [WIDTH_LONG_LOOP] = "long_loop", [WIDTH_MUCH_KEPT] = "much_kept", [WIDTH_MANY_MASKS] = "many_masks",
+        [WIDTH_IMAGE] = "image",         [WIDTH_CHAIN] = "chain",         [WIDTH_SHORT_LOOP] = "short_loop"};
     return keys[why];
 }
 
@@ -41,6 +41,8 @@ static const char *width_text(Arena *a, WidthChoice c) {
         return arena_printf(a, "a loop that four vectors would take %u masks for, where registers hold %u", c.found,
                             c.limit);
     case WIDTH_IMAGE: return "of images, whose calls are full, and no short loop";
+    case WIDTH_CHAIN:
+        return arena_printf(a, "of images, and iterations of a loop wait for %u quotients and roots in a row", c.found);
     case WIDTH_SHORT_LOOP:
         return arena_printf(a, "a short loop that keeps %u value%s: registers hold four vectors of %u", c.found,
                             c.found == 1 ? "" : "s", c.limit);

@@ -67,6 +67,7 @@ typedef enum WidthWhy {
     WIDTH_MUCH_KEPT,  /* a loop that keeps `found` values, above `limit`, from iteration to iteration */
     WIDTH_MANY_MASKS, /* a loop whose lanes have `found` masks if there are four vectors, above `limit` */
     WIDTH_IMAGE,      /* it has no such loop, nor a short one, and is of images: of all samples of a tile at once */
+    WIDTH_CHAIN,      /* likewise, and a loop's iterations wait for `found` quotients and roots in a row */
     WIDTH_SHORT_LOOP  /* no such loop, and there is one: all of them keep `found` values at most, up to `limit` */
 } WidthWhy;
 typedef struct WidthChoice {

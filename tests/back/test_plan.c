@@ -45,7 +45,8 @@ static void test_forms(void **state) {
         {branch(&b, varying, x, 2, 2, 0), IF_BLEND},
         {branch(&b, varying, x, 5, 0, 0), IF_THEN_ONLY},
         {branch(&b, varying, x, 0, 5, 0), IF_ELSE_ONLY},
-        {branch(&b, varying, x, 3, 2, 0), IF_BOTH},
+        {branch(&b, varying, x, 4, 4, 0), IF_BLEND}, /* one of two sides runs anyway */
+        {branch(&b, varying, x, 5, 4, 0), IF_BOTH},
         {branch(&b, varying, x, 1, 0, IR_IF_RARE), IF_THEN_ONLY},
     };
     ir_yield(&b, 1, &x);

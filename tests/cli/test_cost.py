@@ -157,9 +157,10 @@ class Cost(Case):
         loop = "[Domain(0.0, 1.0)]\nshader float main(float2 x) {\n    float s = x.y;\n    for (int k = 0; k < 1000; k++) s = s * x.x + 0.5;\n    return s;\n}\n"
         kept = "[Domain(0.0, 1.0)]\nshader float main(float2 x) {\n%s    for (int k = 0; k < 1000; k++) {\n%s    }\n    return %s;\n}\n" % (
             "".join("    float s%d = x.y + %d.0;\n" % (i, i) for i in range(9)), "".join("        s%d = s%d * s%d + x.x;\n" % (i, i, (i + 1) % 9) for i in range(9)), " + ".join("s%d" % i for i in range(9)))
+        chain = kept.replace(" * ", " / ").replace("s0 = s0 / s1", "s0 = sqrt(s0 / s1)")  # a root of a quotient of the iteration before
         waiting = loop.replace("s = s * x.x + 0.5;", "if (s + x.x < float(k)) { s = s * s / x.x + x.y; if (s > 9.0) break; }")  # lanes that do not, wait
         leaving = loop.replace("s = s * x.x + 0.5;", "{ if (s + x.x < float(k)) s = s * s / x.x + x.y; if (s > 9.0) break; s = s * s + x.x; }")
-        for text, options, lanes, reason in ((loop, [], 64, "short_loop"), (waiting, [], 32, "many_masks"), (leaving, [], 64, "short_loop"), (kept, [], 32, "much_kept"), (products(20), [], 64, "image"), (products(200), [], 32, "much_code"),
+        for text, options, lanes, reason in ((loop, [], 64, "short_loop"), (waiting, [], 32, "many_masks"), (leaving, [], 64, "short_loop"), (kept, [], 32, "much_kept"), (chain, [], 64, "chain"), (products(20), [], 64, "image"), (products(200), [], 32, "much_code"),
                                              (products(1200), [], 16, "most_code"), (loop, ["--width", 8], 8, "given"), (products(1200), ["--width", 8], 8, "given")):
             with self.subTest(reason):
                 k = self.cost(text, "--target-cpu", "avx512", *options)["kernels"]["value"]

@@ -32,6 +32,7 @@ enum {
 typedef struct Loops {
     uint32_t longest; /* instructions of the longest loop; 0: there is none */
     uint32_t kept;    /* most vectors that one keeps from iteration to iteration */
+    uint32_t chain;   /* quotients and roots, one after the other, from an iteration to the next */
     bool aside;       /* lanes of one wait aside, and go on: lanes_wait */
 } Loops;
 
@@ -88,6 +89,34 @@ static bool lanes_wait(const Inst *loop) {
     return false;
 }
 
+/* Quotients and roots on the longest way from what a loop carries to each value, plus 1; 0 where there is no way. Loops
+ * inside have ways of their own. */
+static void count_chain(const Block *b, uint32_t *ways) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        uint32_t most = i->op == OP_proj ? 0 : ways[i->id];
+        for (uint32_t j = 0; j < i->nargs; j++) most = ways[i->args[j]->id] > most ? ways[i->args[j]->id] : most;
+        if (i->op == OP_if_)
+            for (uint32_t r = 0; r < i->nregions; r++) count_chain(i->region[r], ways);
+        if (i->op == OP_proj && i->args[0]->op == OP_if_)
+            for (uint32_t r = 0; r < 2; r++) {
+                const uint32_t way = ways[ir_yield_of(i->args[0]->region[r])->args[i->imm.i]->id];
+                most = way > most ? way : most;
+            }
+        ways[i->id] = most ? most + (i->op == OP_fdiv || i->op == OP_fsqrt) : 0;
+    }
+}
+
+static uint32_t chain_of(Fn *fn, const Block *body) {
+    uint32_t *ways = ARENA_ARRAY(&fn->session->scratch, uint32_t, fn->ninsts + 1), most = 0;
+    for (uint32_t p = 0; p < body->nparams; p++)
+        if (body->params[p]->flags & BACK_VARYING) ways[body->params[p]->id] = 1;
+    count_chain(body, ways);
+    const Inst *yield = ir_yield_of(body);
+    for (uint32_t j = 1; j < yield->nargs; j++)
+        most = ways[yield->args[j]->id] > most ? ways[yield->args[j]->id] : most;
+    return most ? most - 1 : 0;
+}
+
 static void look_at_loops(Fn *fn, const Block *b, uint32_t registers, Loops *out) {
     for (const Inst *i = b->first; i; i = i->next) {
         for (uint32_t r = 0; r < i->nregions; r++) look_at_loops(fn, i->region[r], registers, out);
@@ -99,6 +128,8 @@ static void look_at_loops(Fn *fn, const Block *b, uint32_t registers, Loops *out
         uint32_t kept =
             (i->flags & BACK_DIVERGES ? 1 : 0) + (registers > FEW_REGISTERS ? count_read(body, body, seen) : 0);
         for (uint32_t p = 0; p < body->nparams; p++) kept += body->params[p]->flags & BACK_VARYING ? 1 : 0;
+        const uint32_t chain = chain_of(fn, body);
+        out->chain = chain > out->chain ? chain : out->chain;
         arena_reset(&fn->session->scratch, m);
         out->longest = size > out->longest ? size : out->longest;
         out->aside |= i->op == OP_loop && lanes_wait(i);
@@ -127,7 +158,8 @@ static bool is_of_images(const Fn *fn) { return !strcmp(fn->name, "value") && !l
  * the rest spills. Where registers are few, what a loop only reads counts for nothing: it spills at any width, and is
  * an operand from memory. Not of what compares neighbouring lanes, which takes masks through general registers.
  * Of images, four also where no loop waits for itself, 1.05 to 1.4 times faster, and in long loops, 1.1 to 1.4: a
- * processor looks some hundred instructions ahead, which is not far in the code of two.
+ * processor looks some hundred instructions ahead, which is not far in the code of two. And where iterations wait for
+ * quotients or roots that wait for each other, 1.1 to 1.5 times: two vectors leave the divider idle.
  * Compiling so much code must not cost more than it gains. */
 static WidthChoice vectors(Fn *fn, const Target *t) {
     enum { LARGE = 4096 };
@@ -154,7 +186,10 @@ static WidthChoice vectors(Fn *fn, const Target *t) {
     }
     const uint32_t spare = few ? 2 : 0, room = (registers - spare) / 4; /* else masks have registers of their own */
     const bool image = is_of_images(fn), is_long = loops.longest > long_loop;
-    const uint32_t most_kept = image && is_long ? 2 * room : room; /* beside so much a few loads are little */
+    const bool waits = image && loops.chain > 1;
+    const uint32_t most_kept = waits              ? FEW_REGISTERS
+                               : image && is_long ? 2 * room
+                                                  : room; /* beside so much a few loads are little */
     if (!loops.longest)
         return image ? (WidthChoice){.vectors = 4, .why = WIDTH_IMAGE}
                      : (WidthChoice){.vectors = 2, .why = WIDTH_STRAIGHT};
@@ -163,9 +198,10 @@ static WidthChoice vectors(Fn *fn, const Target *t) {
         return (WidthChoice){.vectors = 2, .why = WIDTH_LONG_LOOP, .found = loops.longest, .limit = long_loop};
     if (loops.kept > most_kept)
         return (WidthChoice){.vectors = 2, .why = WIDTH_MUCH_KEPT, .found = loops.kept, .limit = most_kept};
-    if (loops.aside && !few)
+    if (loops.aside && !few && !(image && is_long))
         return (WidthChoice){.vectors = 2, .why = WIDTH_MANY_MASKS, .found = 2 * 4, .limit = MASK_REGISTERS};
     if (is_long) return (WidthChoice){.vectors = 4, .why = WIDTH_IMAGE};
+    if (loops.kept > room) return (WidthChoice){.vectors = 4, .why = WIDTH_CHAIN, .found = loops.chain};
     return (WidthChoice){.vectors = 4, .why = WIDTH_SHORT_LOOP, .found = loops.kept, .limit = room};
 }
 
@@ -211,6 +247,7 @@ uint32_t back_value_parts(const Plan *plan, const Inst *i) { return back_is_vect
 /* ---- if_ */
 enum {                   /* in vector instructions */
        BLEND_BUDGET = 8, /* what a test and a branch cost */
+       BOTH_BUDGET = 16, /* where there are two sides: one of them runs anyway, and which is harder to foresee */
        PICK_BUDGET = 4,  /* what a branch costs that all lanes take together */
        NOT_CHEAP = 1000
 };
@@ -237,11 +274,11 @@ bool back_is_empty(const Block *b) {
 
 /* Cheap enough to run both sides; a condition that is known to be rare is always a branch. */
 IfForm back_if_form(const Plan *plan, const Inst *i) {
-    uint32_t cost = region_cost(plan, i->region[0]) + region_cost(plan, i->region[1]);
+    const uint32_t cost = region_cost(plan, i->region[0]) + region_cost(plan, i->region[1]);
+    const bool no_else = back_is_empty(i->region[1]), no_then = back_is_empty(i->region[0]);
     if (!back_is_vector(plan, i->args[0])) return cost <= PICK_BUDGET ? IF_PICK : IF_JUMP;
-    if (i->imm.i != IR_IF_RARE && cost * plan->P <= BLEND_BUDGET) return IF_BLEND;
-    if (back_is_empty(i->region[1])) return IF_THEN_ONLY;
-    return back_is_empty(i->region[0]) ? IF_ELSE_ONLY : IF_BOTH;
+    if (i->imm.i != IR_IF_RARE && cost * plan->P <= (no_else || no_then ? BLEND_BUDGET : BOTH_BUDGET)) return IF_BLEND;
+    return no_else ? IF_THEN_ONLY : no_then ? IF_ELSE_ONLY : IF_BOTH;
 }
 
 /* ---- loop */
