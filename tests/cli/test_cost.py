@@ -171,6 +171,14 @@ class Cost(Case):
             self.assertEqual((kernels[kernel]["lanes"], kernels[kernel]["width_reason"]), (32, reason))
         self.assertIn("event: 32 lanes, 2 vectors of 16: it compares neighbouring samples", self.run_cli("explain", "c.salt", "--cost", "--target-cpu", "avx512").out)
 
+    def test_leaves_last(self):
+        """A loop that ends with a break blends nothing for lanes that are gone, as one that begins with it: nobody looks at them."""
+        body = "        a = a * b + 0.1;\n        b = b * c + 0.2;\n        c = c * a + 0.3;\n        t = a * b;\n"
+        leave = "        if (t > 9.0) break;\n"
+        first, last = (self.cost("[Domain(0.0, 1.0)]\nshader float main(float2 x) {\n    float a = x.x, b = x.y, c = x.x + x.y, t = 0.0;\n    for (int k = 0; k < 1000; k++) {\n%s    }\n    return t;\n}\n" % text,
+                                 "--target-cpu", "avx512")["kernels"]["value"]["machine"]["instructions"] for text in (leave + body, body + leave))
+        self.assertLess(last, first + 20)
+
     def test_few_samples(self):
         """Kernels on boxes of a loop with a list are called for a node of a tree at a time."""
         self.put("d.csv", "\n".join("%r,%r" % (i * 0.618034 % 1, i / 200) for i in range(200)))

@@ -315,12 +315,11 @@ void loop_path(Emit *e, LoopState *s, Path *p, Block *b) {
     if (s->diverges) e->mask = p->on;
     Inst *last = s->diverges ? last_if(e, b) : NULL;
     emit_range(e, b->first, last);
-    for (uint32_t side = 0; last && !e->error && side < 2; side++) {
-        if (!side && !emit_behind(e, last)) break;
-        Fate other = can_step(e, s, p, last, side, LEAVES)             ? LEAVES
-                     : p->some && can_step(e, s, p, last, side, STAYS) ? STAYS
-                                                                       : OPEN;
-        if (other == OPEN) continue;
+    const bool known = last && emit_behind(e, last);
+    for (uint32_t k = 0; known && !e->error && k < 4; k++) { /* a side that leaves first: both may be empty */
+        const uint32_t side = k & 1;
+        const Fate other = k < 2 ? LEAVES : STAYS;
+        if ((other == STAYS && !p->some) || !can_step(e, s, p, last, side, other)) continue;
         e->mask = outer;
         step_into(e, s, p, last, side, other);
         return;
