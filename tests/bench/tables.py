@@ -6,6 +6,7 @@
 forward   shade_*.salt at 1024 x 1024 as 8-bit pixels, beside scalar C of $SALTUS_BENCH/shade/kernels.c: every instruction
           set and width that this machine has, interleaved (bench-shade). Mpixel/s and times scalar C.
 second    the same of unseen/shade_*.salt and unseen/kernels.c; `poly` is that C with polynomials in place of libm.
+third     likewise of third/.
 reverse   ad_k*.salt, kernels alone: nanoseconds a sample of f, and of f with all its derivatives; beside the same
           programs in 16-wide C of $SALTUS_BENCH/ad/primal.c, whose derivatives by the best layout for Enzyme cost as
           many times the primal as stated there (ENZYME below): `gain` is that over ours.
@@ -65,9 +66,13 @@ def forward(args, folder):
     return shading(args, HERE, scalar_library(folder, source))
 
 
-def second(args, folder):
-    source = HERE / "unseen" / "kernels.c"
+def second(args, folder, name="unseen"):
+    source = HERE / name / "kernels.c"
     return shading(args, source.parent, scalar_library(folder, source), scalar_library(folder, source, "poly", "-DPOLY"))
+
+
+def third(args, folder):
+    return second(args, folder, "third")
 
 
 def shading(args, kernels, *libraries):
@@ -157,6 +162,7 @@ def images(args, folder):
 
 
 TABLES = {"forward": (forward, True, ["bench-shade"]), "second": (second, False, ["bench-shade"]),
+          "third": (third, False, ["bench-shade"]),
           "reverse": (reverse, False, []),
           "samples": (told("ns a sample", bench("bench-samples")), False, ["bench-samples"]), "images": (images, False, []),
           "fits": (told("an iteration", script("many_discs.py", "200", "2000", "20000", "--threads", "1")), False, []),
