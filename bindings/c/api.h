@@ -84,10 +84,12 @@ struct SltProgram {
     SltDoubt doubt;                                          /* SltScene.doubt */
     SltKernel **cull_kernels;                                /* by [Cull] loop */
     uint32_t nlists;                                         /* loops with lists, [Cull] loops first */
+    uint32_t first_lists;                                    /* of them, before loops were written out */
     uint32_t *list_counts;                                   /* [SLT_MAX_CULL]: iterations of each */
     enum { LISTS_UNASKED, LISTS_USED, LISTS_USELESS } lists; /* listed.c: of parts of images of 8-bit pixels */
     double list_work;                                        /* of images so far: instructions of all samples */
     SltKernel *image_bounds;                                 /* `bounds`, compiled for images; NULL: not yet */
+    SltLayout image_layout;                                  /* its */
     uint8_t *list_noted; /* [SLT_MAX_CULL]: 1 where `bounds` notes which can matter */
     uint8_t *site_kind, *site_static, *site_skips, *site_ties; /* by site: see SltScene */
     SltTwins *twins;                                           /* [ntwins] */

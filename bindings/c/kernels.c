@@ -150,6 +150,7 @@ static void site_tables(SltProgram *p) {
     p->cull_kernels = ARENA_ARRAY(a, SltKernel *, p->prog->ncull + 1);
     p->nlists = p->prog->ncull;
     find_list_counts(primal->body, p->list_counts, &p->nlists);
+    p->first_lists = p->nlists;
 }
 
 /* ---- facts of kernels, from their IR */
@@ -270,6 +271,7 @@ static VariantOptions variant_options(const SltProgram *p, bool cells) {
                             .paper_forced = p->opt.paper_forced,
                             .path_hash = p->opt.path_hash || api_near_miss(p),
                             .cells = cells,
+                            .written = p->lists == LISTS_USED,
                             .most_site_size = p->most_site_size};
 }
 

@@ -33,6 +33,7 @@ bool api_wants_lists(SltProgram *p, const SltJob *job) {
     if (p->lists != LISTS_UNASKED) return p->lists == LISTS_USED;
     if (!is_large(job) || !api_lists_pay(p, (double)job->size[0] * job->size[1])) return false;
     switch_to(p, LISTS_USED);
+    variant_written_lists(p->prog->primal, p->list_counts, &p->nlists);
     return true;
 }
 
@@ -68,9 +69,10 @@ static uint32_t cut(const PixelPart *tile, PixelPart *part) {
     return n;
 }
 
-static void count(Listed *l, uint32_t n) {
+/* Of loops that are written out the first iteration, which all samples run. */
+static void count(Listed *l, uint32_t n, uint32_t nlists) {
     const SltScene *s = l->lists.s;
-    for (uint32_t j = 0; j < s->nlists; j++) {
+    for (uint32_t j = 0; j < nlists; j++) {
         if (!s->list_noted[j]) continue;
         l->all += (uint64_t)n * s->list_count[j];
         for (uint32_t i = 0; i < n; i++) l->kept += l->lists.count[(uint64_t)j * SLT_PAD + i];
@@ -97,7 +99,7 @@ uint32_t listed_tile(Listed *l, const SltProgram *p, const SltJob *job, const Pi
     for (uint32_t i = 0; i < n; i++) l->flat |= (uint32_t)batch_is_constant(b, i, f) << i;
     if (!lists_split(&l->lists, b, n, UINT64_MAX)) return 0;
     for (uint32_t i = 0; i < n; i++) l->of[i] = lists_of(&l->lists, i);
-    count(l, n);
+    count(l, n, p->first_lists);
     return n;
 }
 

@@ -70,6 +70,7 @@ typedef struct VariantOptions {
     bool paper_forced;       /* sides: the decision of the event is forced (Belhe et al.); the rest follows from x */
     bool path_hash;          /* region, sides: the decisions of the path (up to 64 events) instead of provenance */
     bool cells;              /* sides is for cells too: wanted also where no boundary moves */
+    bool written;            /* value and bounds: loops around loops with lists are written out */
     uint32_t most_site_size; /* site kernels of more operations are not made: SLT_LIMIT; 0: any */
 } VariantOptions;
 /* Behind each its outputs by their roles (kernel.def); in brackets those that some programs have. */
@@ -78,6 +79,11 @@ Fn *variant_region(PassCtx *ctx, const Fn *primal, const VariantOptions *o); /* 
 Fn *variant_event(PassCtx *ctx, const Fn *primal, const VariantOptions *o);  /* SITE G K [BOUNDARY] [WINDOW] */
 Fn *variant_sides(PassCtx *ctx, const Fn *primal, const VariantOptions *o);  /* F HASH [DEPTH] [WITNESS] */
 Fn *variant_site(PassCtx *ctx, const Fn *primal);                            /* G */
+/* A primal in which loops of few iterations around loops with lists are written out, for images: each of those loops
+ * has a list of its own, behind those that are there; without sites. The primal itself, where there are none. */
+const Fn *variant_written(PassCtx *ctx, const Fn *primal);
+/* Adds the lists that it will have. */
+void variant_written_lists(const Fn *primal, uint32_t counts[SLT_MAX_CULL], uint32_t *n);
 Fn *variant_seams(PassCtx *ctx, const Fn *primal);    /* a primal in which seams are sites too: of the three below */
 bool variant_is_flat(PassCtx *ctx, const Fn *seamed); /* does f change with the position by jumps alone? */
 Fn *variant_prune(PassCtx *ctx, const Fn *chunks);    /* F_LO F_HI; notes choices */

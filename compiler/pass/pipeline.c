@@ -221,6 +221,7 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
                       const AdOptions *ad, KernelSet *out) {
     const Fn *primal = variant_standing(p->primal, true), *shown = variant_standing(p->primal, false);
     VariantOptions variant = vo ? *vo : (VariantOptions){0};
+    if (variant.written) primal = shown = variant_written(ctx, shown);
     AdOptions wrt = ad ? *ad : (AdOptions){0};
     bool jumps = boundary_moves(ctx, p, wrt.wrt);
     memset(out, 0, sizeof *out);

@@ -34,6 +34,22 @@ static const char *const all_of_them =
     DISCS "[NoDisc] shader float main(float2 x) { float f = 0.0;\n"
           "for (int i = 0; i < 50; i++) { if (x.x + d[i] > -1.0) f += d[i] * 0.03; } return f * x.y; }";
 
+/* Rays that are reflected, each of which looks for what it meets; decides: before what is hit. */
+#define BOUNCES(decides)                                                                                               \
+    DISCS "[NoDisc] shader float3 main(float2 x) { float3 o = float3(0.5, 0.5, -2.0), sum = float3(0.0);\n"            \
+          "float3 r = normalize(float3(x - 0.5, 1.0)); float w = 1.0;\n"                                               \
+          "for (int bounce = 0; bounce < 3; bounce++) { float t = 1e9, light = 1.0; float3 n = float3(0.0, 1.0, 0.0);\n" \
+          "if (r.y < 0.0) t = -o.y / r.y;\n"                                                                           \
+          "for (int i = 0; i < 40; i++) { int q = i * 4; float3 v = o - float3(d[q], d[q + 1], d[q + 2]);\n"           \
+          "float b = dot(v, r), e = b * b - dot(v, v) + 0.02 * d[q + 3]; " decides "if (e > 0.0) {\n"                  \
+          "float u = -b - sqrt(e); if (u > 1e-3 && u < t) { t = u; n = normalize(v + u * r); light = d[q]; } } }\n"    \
+          "if (t > 1e8) { sum += w * (0.5 + 0.5 * r); break; } o += t * r;\n"                                          \
+          "for (int i = 0; i < 40; i++) { int q = i * 4; float3 v = o - float3(d[q], d[q + 1], d[q + 2]);\n"           \
+          "float b = v.y; if (b < 0.0 && b * b > dot(v, v) - 0.02 * d[q + 3]) { light = 0.0; break; } }\n"             \
+          "sum += w * light * n; w *= 0.7; r -= 2.0 * dot(r, n) * n; o += 1e-3 * n; } return sum; }"
+static const char *const bounces = BOUNCES(""), *const sharp_bounces = BOUNCES("[Disc] ");
+enum { BOUNCES_LISTS = 3 * 2 };
+
 static SltProgram *compile(const char *source, bool f64) {
     SltOptions o = SLT_OPTIONS_INIT;
     SltProgram *p = NULL;
@@ -74,12 +90,42 @@ static void same_bits(void **state) {
     const char *const source[] = {painter, opaque, nearest, cull};
     for (size_t i = 0; i < sizeof source / sizeof *source; i++) one_program(source[i], i % 2);
     one_program(painter, true), one_program(nearest, true);
+    one_program(bounces, false), one_program(bounces, true), one_program(sharp_bounces, false);
+}
+
+/* Each bounce of a ray has lists of its own: the first, all of whose rays leave one eye, the shortest. */
+static void lists_of_bounces(void **state) {
+    (void)state;
+    enum { SIDE = 256 };
+    SltProgram *p = compile(bounces, false);
+    SltJob job = SLT_JOB_INIT;
+    Listed l = {0};
+    uint32_t *x = calloc(SIDE * SIDE, sizeof *x), n = 0, kept[BOUNCES_LISTS] = {0};
+    p->list_work = at_once;
+    shade(p, SIDE, SIDE, 1, x);
+    assert_int_equal(p->lists, LISTS_USED);
+    assert_int_equal(p->nlists, BOUNCES_LISTS);
+    job.size[0] = job.size[1] = SIDE;
+    assert_true(listed_serves(p, &job) && listed_init(&l, p, &job));
+    for (uint32_t tile = 0; tile < 4; tile++) {
+        const PixelPart all = {.first = {tile % 2 * LISTED_TILE, tile / 2 * LISTED_TILE},
+                               .n = {LISTED_TILE, LISTED_TILE}};
+        PixelPart part[LISTED_PARTS];
+        const uint32_t parts = listed_tile(&l, p, &job, &all, part);
+        for (uint32_t i = 0; i < parts; i++, n++) {
+            const SltCullList *list = listed_part(&l, i);
+            for (uint32_t k = 0; k < BOUNCES_LISTS; k++) kept[k] += (uint32_t)list[k].count;
+        }
+    }
+    assert_true(n && kept[0] < 10 * n && kept[0] < kept[2] && kept[0] < kept[4]);
+    listed_free(&l), free(x);
+    slt_program_free(p);
 }
 
 /* Samples of pixels, too, strip by strip of a tile (runtime/sample/narrow.h). */
 static void samples_of_pixels(void **state) {
     (void)state;
-    static const char *const source[] = {painter, opaque, nearest, cull, all_of_them};
+    static const char *const source[] = {painter, opaque, nearest, cull, all_of_them, bounces};
     enum { WIDTH = 101, HEIGHT = 66, MOST = 3 };
     static const uint32_t spp[] = {1, 4, 5};
     for (size_t i = 0; i < sizeof source / sizeof *source; i++) {
@@ -153,7 +199,8 @@ static void only_where_it_pays(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(same_bits), cmocka_unit_test(samples_of_pixels),
-                                       cmocka_unit_test(parameters_move), cmocka_unit_test(only_where_it_pays)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(same_bits), cmocka_unit_test(lists_of_bounces),
+                                       cmocka_unit_test(samples_of_pixels), cmocka_unit_test(parameters_move),
+                                       cmocka_unit_test(only_where_it_pays)};
     return cmocka_run_group_tests_name("listed", tests, NULL, NULL);
 }

@@ -98,7 +98,16 @@ static const char *const source[] = {
            "    return c;\n"),
     SHADER(
         "    float best = d[1]; for (int i = 0; i < 24; i++) best = min(best, length(p - float2(q[i], d[0] * q[23 - i])));\n"
-        "    return float3(best, frac(64.0 * best), 0.0);\n")};
+        "    return float3(best, frac(64.0 * best), 0.0);\n"),
+    /* of balls in a mirror, first and second sight of which have lists of their own */
+    SHADER("    float3 o = float3(0.5, 0.5, d[1]), r = float3(p - 0.5, d[0]), c = float3(0.0); float w = 1.0;\n"
+           "    for (int k = 0; k < 2; k++) { float t = 1e9, z = 0.0;\n"
+           "        for (int i = 0; i < 24; i++) { float3 v = o - float3(q[i], q[23 - i], q[(7 * i + 3) % 24]);\n"
+           "            float b = dot(v, r), e = b * b - (dot(v, v) - 0.01) * dot(r, r);\n"
+           "            if (e > 0.0) { float u = -b - sqrt(e); if (u > 0.0 && u < t) { t = u; z = q[i]; } } }\n"
+           "        if (t > 1e8) break;\n"
+           "        c += w * float3(z, frac(t), 0.2); w *= 0.5; o += t * r; r.z = -r.z; }\n"
+           "    return c;\n")};
 
 static const float scale[][2] = {{8, -3.7f},
                                  {-8, 3.7f},
