@@ -420,9 +420,10 @@ static bool keeps_guards(const SltProgram *p) { return p->opt.interpret || p->gu
 
 static void make_ir(KernelOrder *q, KernelSet *set, OrderFacts *f) {
     SltProgram *p = q->p;
-    const VariantOptions vo = variant_options(p, q->cells);
+    VariantOptions vo = variant_options(p, q->cells);
     const AdOptions ad = {.wrt = p->wrt, .guarded = keeps_guards(p)};
     const double start = now_ms();
+    vo.image = q->of_images;
     pipeline_kernels(&p->passes, p->prog, q->needs, &vo, &ad, set);
     edge_facts(p, set, f);
     f->hides = set->hides, f->bare = set->bare;
@@ -588,11 +589,11 @@ bool api_lists_begin(SltProgram *p) {
         if (p->nmodules + 4 >= sizeof p->modules / sizeof *p->modules) return false;
         q.needs[K_BOUNDS] = true;
         const bool made = !session_protect(p->session, build_body, &q) && q.status == SLT_OK;
-        p->image_bounds = made ? s->kernel[K_BOUNDS] : NULL;
+        p->image_bounds = made ? s->kernel[K_BOUNDS] : NULL, p->image_layout = s->layout[K_BOUNDS];
         p->tried[K_BOUNDS] = p->has[K_BOUNDS] = false, p->fn[K_BOUNDS] = NULL;
         if (!p->image_bounds) p->list_work = -INFINITY; /* nor will it be the next time */
     }
-    s->kernel[K_BOUNDS] = p->image_bounds;
+    s->kernel[K_BOUNDS] = p->image_bounds, s->layout[K_BOUNDS] = p->image_layout;
     return p->image_bounds;
 }
 

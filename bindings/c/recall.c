@@ -145,7 +145,7 @@ CacheKey recall_key(const KernelOrder *q) {
     exchange(&a, (void *)version, sizeof version);
     exchange(&a, (void *)q->needs, sizeof q->needs), exchange(&a, (void *)q->late, sizeof q->late);
     exchange(&a, (void *)q->soon, sizeof q->soon);
-    const bool asks[] = {q->cull, q->cells, p->few_samples, p->guarded};
+    const bool asks[] = {q->cull, q->cells, q->of_images, p->few_samples, p->guarded};
     exchange(&a, (void *)asks, sizeof asks);
     add_options(&a, p), add_program(&a, p);
     exchange(&a, p->wrt, p->prog->nfloats);

@@ -70,6 +70,7 @@ typedef struct VariantOptions {
     bool paper_forced;       /* sides: the decision of the event is forced (Belhe et al.); the rest follows from x */
     bool path_hash;          /* region, sides: the decisions of the path (up to 64 events) instead of provenance */
     bool cells;              /* sides is for cells too: wanted also where no boundary moves */
+    bool image;              /* bounds is asked for lists and values alone: no event is named */
     bool written;            /* value and bounds: loops around loops with lists are written out */
     uint32_t most_site_size; /* site kernels of more operations are not made: SLT_LIMIT; 0: any */
 } VariantOptions;
@@ -90,8 +91,9 @@ Fn *variant_prune(PassCtx *ctx, const Fn *chunks);    /* F_LO F_HI; notes choice
 /* G, to be differentiated in x; squares: that of a length is that of its square. */
 Fn *variant_edge(PassCtx *ctx, const Fn *seamed, bool squares);
 Fn *variant_chunk_edges(PassCtx *ctx, const Fn *chunks, const SltChunks *table); /* likewise */
-Fn *variant_bounds(PassCtx *ctx, const Fn *seamed);                              /* BOX_STATE [OPEN OPEN_*] F_LO F_HI */
-Fn *variant_edge_bounds(PassCtx *ctx, const Fn *edge); /* of `edge`: G_LO G_HI DG_LO DG_HI G_STATE G_ERROR */
+/* image: no event is named; it is asked for lists, and for values alone */
+Fn *variant_bounds(PassCtx *ctx, const Fn *seamed, bool image); /* [BOX_STATE [OPEN OPEN_*]] F_LO F_HI */
+Fn *variant_edge_bounds(PassCtx *ctx, const Fn *edge);          /* of `edge`: G_LO G_HI DG_LO DG_HI G_STATE G_ERROR */
 
 /* ---- ad_*.c. wrt[i] != 0: element i of the float vector is differentiated (NULL: all). */
 /* Which loops are replayed: run again in the sweep, iteration by iteration, from carried values and witnesses. */

@@ -166,7 +166,8 @@ bool pipeline_has_bounds(const Block *b) {
 }
 
 /* bounds, edge, edge_bounds and written_bounds, which know seams too. */
-static void box_kernels(PassCtx *ctx, const Fn *primal, const Fn *chunks, const bool needs[K_KINDS], KernelSet *out) {
+static void box_kernels(PassCtx *ctx, const Fn *primal, const Fn *chunks, const bool needs[K_KINDS], bool image,
+                        KernelSet *out) {
     if (!needs[K_BOUNDS] && !needs[K_EDGE] && !needs[K_EDGE_BOUNDS] && !needs[K_WRITTEN_BOUNDS]) return;
     Fn *seamed = variant_seams(ctx, primal);
     out->edges = seamed->sites, out->nedges = seamed->nsites;
@@ -178,7 +179,7 @@ static void box_kernels(PassCtx *ctx, const Fn *primal, const Fn *chunks, const 
     out->chunked = chunks != NULL;
     if (!chunks) variant_waves(ctx, seamed);
     if (!pipeline_has_bounds(primal->body)) return;
-    if (needs[K_BOUNDS]) out->fn[K_BOUNDS] = variant_bounds(ctx, chunks ? chunks : seamed);
+    if (needs[K_BOUNDS]) out->fn[K_BOUNDS] = variant_bounds(ctx, chunks ? chunks : seamed, image);
     Fn **edge = needs[K_EDGE] ? &out->fn[K_EDGE] : NULL;
     Fn **edge_bounds = needs[K_EDGE_BOUNDS] ? &out->fn[K_EDGE_BOUNDS] : NULL;
     if (chunks && primal->nsites) {
@@ -250,7 +251,7 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
         if (needs[K_SIDES]) out->fn[K_SIDES] = variant_sides(ctx, primal, &variant);
         site_kernels(ctx, primal, needs, &variant, &wrt, out);
     }
-    box_kernels(ctx, primal, chunks, needs, out);
+    box_kernels(ctx, primal, chunks, needs, variant.image, out);
     if (needs[K_SIDES] && variant.cells && !out->fn[K_SIDES] && (out->nedges || !needs[K_EDGE]))
         out->fn[K_SIDES] = variant_sides(ctx, primal, &variant);
     for (int k = 0; k < K_KINDS; k++) {

@@ -218,7 +218,7 @@ static void edge_outputs(Boxes *x, Builder *b) {
     variant_set_outputs(x->to, &o);
 }
 
-typedef enum BoxKernel { OF_VALUE, OF_EDGE, OF_CHUNKS } BoxKernel;
+typedef enum BoxKernel { OF_VALUE, OF_IMAGE, OF_EDGE, OF_CHUNKS } BoxKernel;
 
 static Fn *on_boxes(PassCtx *ctx, const Fn *from, const char *name, BoxKernel kind) {
     Arena *scratch = &ctx->session->scratch;
@@ -233,7 +233,7 @@ static Fn *on_boxes(PassCtx *ctx, const Fn *from, const char *name, BoxKernel ki
                .from = from,
                .to = to,
                .arena = scratch,
-               .edges = kind != OF_VALUE,
+               .edges = kind == OF_EDGE || kind == OF_CHUNKS,
                .ends_alone = kind == OF_CHUNKS};
     x.fact = ARENA_ARRAY(scratch, uint8_t, n + 1);
     x.value = ARENA_ARRAY(scratch, Boxed, n + 1);
@@ -261,10 +261,10 @@ static Fn *on_boxes(PassCtx *ctx, const Fn *from, const char *name, BoxKernel ki
     return to;
 }
 
-Fn *variant_bounds(PassCtx *ctx, const Fn *seamed) {
+Fn *variant_bounds(PassCtx *ctx, const Fn *seamed, bool image) {
     Fn *noting = ir_clone(seamed, seamed->arena, "bounds.from");
     variant_note_lists(ctx, noting);
-    return on_boxes(ctx, noting, "bounds", OF_VALUE);
+    return on_boxes(ctx, noting, "bounds", image ? OF_IMAGE : OF_VALUE);
 }
 
 bool variant_is_flat(PassCtx *ctx, const Fn *seamed) {

@@ -296,7 +296,7 @@ static void siten_value(Boxes *x, Builder *b, const Inst *i) {
         BoundEvents events = ir_bound_events(b, (Op)of->op, (Bound[]){p.is, q.is}, of->nargs, 0);
         bool chooses = of->op == OP_fmin || of->op == OP_fmax;
         Inst *open = of->op == OP_fatan2 ? events.jumps : events.bends;
-        Inst *event = !open ? NULL : record(x, b, i, open, p.is, q.is, NULL, NULL, NULL);
+        Inst *event = open && x->edge ? record(x, b, i, open, p.is, q.is, NULL, NULL, NULL) : NULL;
         Inst *any = open_union(b, event, open_union(b, p.open, q.open));
         v.open = open && chooses ? open_unless_settled(b, of->op, open, any, p, q) : any;
     }

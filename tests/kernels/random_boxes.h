@@ -152,7 +152,7 @@ static void compare_program(Session *s, Fn *primal, uint64_t seed) {
     for (PassId p = PASS_opt_fold; p <= PASS_opt_contract; p++) pass_run(&ctx, PASS_NEEDS_PRIMAL, primal, p);
     opt_dce(&ctx, primal);
     if (getenv("SHOW")) ir_print(primal, stdout);
-    Fn *value = variant_value(&ctx, primal), *bounds = variant_bounds(&ctx, variant_seams(&ctx, primal));
+    Fn *value = variant_value(&ctx, primal), *bounds = variant_bounds(&ctx, variant_seams(&ctx, primal), false);
     pipeline_kernel(&ctx, value);
     pipeline_kernel(&ctx, bounds);
     ir_require(bounds, "bounds");
