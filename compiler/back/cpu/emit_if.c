@@ -68,9 +68,12 @@ static void emit_if_one_sided(Emit *e, Inst *i, const Part *cond, uint32_t full)
     Part *taken = ARENA_ARRAY(e->arena, Part, n), *to = taken;
     at = skipped;
     for (const Inst *p = emit_next_proj(i, NULL); p; p = emit_next_proj(i, p), at += e->P, to += e->P) {
-        bool vector = emit_is_vector(e, p);
-        emit_result_parts(e, ir_yield_of(i->region[full])->args[p->imm.i], vector, to);
-        for (uint32_t k = 0; vector && k < e->P; k++)
+        const bool vector = emit_is_vector(e, p);
+        const Inst *v = ir_yield_of(i->region[full])->args[p->imm.i],
+                   *kept = ir_yield_of(i->region[!full])->args[p->imm.i];
+        emit_result_parts(e, v, vector, to);
+        const bool blends = vector && !back_keeps_itself(&e->plan, v, kept);
+        for (uint32_t k = 0; blends && k < e->P; k++)
             if (to[k] != at[k]) to[k] = LL(BuildSelect)(e->b, mask[k], to[k], at[k], "");
     }
     LLVMBasicBlockRef end = emit_here(e);
