@@ -124,6 +124,6 @@ void variant_find_argmins(PassCtx *ctx, Fn *fn); /* sets SiteInfo.argmin */
 /* variant_lists.c: which values of a loop's body hang on those marked in old[], by id, of memory or of each other. */
 void variant_find_carried(const Block *body, uint8_t *old);
 /* Puts a `note` into every loop with a list whose iterations can be left out. */
-void variant_note_lists(PassCtx *ctx, Fn *fn);
+void variant_note_lists(PassCtx *ctx, Fn *fn, bool image);
 
 #endif

@@ -263,7 +263,7 @@ static Fn *on_boxes(PassCtx *ctx, const Fn *from, const char *name, BoxKernel ki
 
 Fn *variant_bounds(PassCtx *ctx, const Fn *seamed, bool image) {
     Fn *noting = ir_clone(seamed, seamed->arena, "bounds.from");
-    variant_note_lists(ctx, noting);
+    variant_note_lists(ctx, noting, image);
     return on_boxes(ctx, noting, "bounds", image ? OF_IMAGE : OF_VALUE);
 }
 

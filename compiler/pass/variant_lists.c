@@ -20,6 +20,7 @@ typedef struct Noter {
     Inst **changed;    /* by id: the boolean for p, where it is known already */
     Inst **renewed;    /* by id: likewise of the second question */
     uint8_t *old;      /* by id: hangs on what the loop carries */
+    bool image;        /* lists are for the value alone */
     Vec(Argmin) argmins;
 } Noter;
 
@@ -240,6 +241,23 @@ static void clear_below(Noter *t, const Block *b, Inst **memo) {
     }
 }
 
+/* Does v say that another iteration is left of those that the loop runs at most? */
+static bool is_count(const Inst *v, const Inst *loop) {
+    const Inst *k = loop->region[0]->params[0];
+    return v->op == OP_ilt && v->args[0] == k && v->args[1]->op == OP_consti &&
+           v->args[1]->imm.i + 1 >= (int64_t)loop->imm.loop.max_iters;
+}
+
+/* Does the loop go on, as far as something else decides than how many iterations it has? */
+static Inst *goes_on(Noter *t, Inst *v, const Inst *loop) {
+    if (is_count(v, loop)) return t->yes;
+    if (v->op != OP_band) return v;
+    Inst *p = goes_on(t, v->args[0], loop), *q = goes_on(t, v->args[1], loop);
+    Builder b = ir_before(t->fn, loop->region[0]->last);
+    b.fold = true;
+    return p == v->args[0] && q == v->args[1] ? v : p == t->yes ? q : q == t->yes ? p : ir_emit2(&b, OP_band, p, q);
+}
+
 static void note_loop(Noter *t, Inst *loop, bool repeats) {
     Block *body = loop->region[0];
     uint32_t carried = loop->nargs;
@@ -261,7 +279,12 @@ static void note_loop(Noter *t, Inst *loop, bool repeats) {
     b.fold = true;
     Inst *kept = may_be_kept(t, loop);
     if (kept) args[0] = ir_emit2(&b, OP_band, args[0], kept);
-    if (!loop->imm.loop.exact) args[0] = ir_emit2(&b, OP_bor, args[0], ir_emit1(&b, OP_bnot, body->last->args[0]));
+    Inst *on = body->last->args[0];
+    if (loop->imm.loop.exact) on = t->yes;
+    /* A list ends by itself. But on boxes a loop that lanes leave is left by an iteration, and of what bounds say of
+     * images no bounds are asked again. */
+    else if (t->image && loop->imm.loop.found) on = goes_on(t, on, loop);
+    if (on != t->yes) args[0] = ir_emit2(&b, OP_bor, args[0], ir_emit1(&b, OP_bnot, on));
     ir_special(&b, OP_note, TY_VOID, 2, args, (Imm){.i = loop->imm.loop.cull_id});
 }
 
@@ -275,10 +298,10 @@ static void note_block(Noter *t, Block *b, bool repeats) {
     }
 }
 
-void variant_note_lists(PassCtx *ctx, Fn *fn) {
+void variant_note_lists(PassCtx *ctx, Fn *fn, bool image) {
     Arena *scratch = &ctx->session->scratch;
     ArenaMark m = arena_mark(scratch);
-    Noter t = {.fn = fn, .arena = scratch};
+    Noter t = {.fn = fn, .arena = scratch, .image = image};
     find_argmins(ctx, &t, fn->body);
     t.n = ir_number(fn);
     t.changed = ARENA_ARRAY(scratch, Inst *, t.n + 1);
