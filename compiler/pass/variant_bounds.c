@@ -247,6 +247,8 @@ static Fn *on_boxes(PassCtx *ctx, const Fn *from, const char *name, BoxKernel ki
         for (uint32_t k = 0; k < wanted; k++) bounds_want_error(&x, from->body->last->args[k]);
     }
     bounds_facts(&x);
+    if (kind == OF_IMAGE) bounds_want_lean(&x, n);
+    if (x.leans) bounds_facts(&x);
     bounds_find_compared(&x);
     Builder b = ir_at_end(to, to->body);
     if (kind == OF_VALUE) make_room(&x, &b);

@@ -5,6 +5,7 @@
  *   variant_bounds_value.c   one operation; decisions and the events they record
  *   variant_bounds_learn.c   what a condition teaches
  *   variant_bounds_remainder.c  x - y * floor(x / y), whose parts follow each other
+ *   variant_bounds_lean.c    how floats follow the position: tighter bounds of what is compared
  *   variant_bounds_error.c   how far a value as computed is from what exact arithmetic gives
  *   variant_bounds_flow.c    if_ and loop
  *   variant_bounds_query.c   queries along rays
@@ -28,10 +29,16 @@ enum {
     OPEN_BEND = 1 << 26  /* likewise, is continuous, but may be not smooth */
 };
 
+/* How a float follows the position: variant_bounds_lean.c. */
+typedef struct Lean {
+    Inst *mid, *slope[2], *rest; /* slopes and rest: NULL: 0 */
+} Lean;
+
 typedef struct Boxed {
     Bound is;    /* of a value that is the same on all of the box: lo and hi are one instruction */
     Inst *open;  /* int; NULL: the empty set */
     Inst *error; /* of floats, FACT_ERROR: how far from its value without rounding, at most; NULL: not at all */
+    Lean lean;   /* of floats, FACT_LEAN; mid: NULL: what the bounds say */
 } Boxed;
 
 /* Facts of a value of the source. */
@@ -40,6 +47,7 @@ enum {
     FACT_OPEN = 2,   /* its set may be not empty */
     FACT_ERROR = 4,  /* a float that carries a rounding error, which is wanted */
     FACT_SLOPE = 16, /* a float that is not constant between the jumps of others */
+    FACT_LEAN = 32,  /* a float that leans */
     FACT_CAPTURE = 8 /* g or its gradient on the way from the event, or nothing yet (VARIANT_UNCAPTURED) */
 };
 
@@ -81,6 +89,7 @@ typedef struct Boxes {
     bool ends_alone;   /* prune: chunks hand on lower and upper ends, and nothing else */
     uint8_t *fact;     /* by id: FACT_* */
     bool *wanted;      /* by id: its error is; NULL: no error is */
+    bool *leans;       /* by id: how it leans is wanted; NULL: of none */
     bool wants_given;  /* ... and those of all that chunks give */
     Boxed *value;      /* by id */
     Inst **answer;     /* by id of a query: what is known of its rays */
@@ -145,6 +154,17 @@ Inst *bounds_error(Boxes *x, Builder *b, const Inst *i, const Boxed *a, Bound re
 Inst *error_larger(Builder *b, Inst *p, Inst *q); /* NULL is 0 */
 /* Of which ? p : q, where `which` is settled on the box: that of the side which is taken. */
 Inst *error_where(Builder *b, Inst *which, Inst *p, Inst *q);
+
+/* variant_bounds_lean.c */
+void bounds_want_lean(Boxes *x, uint32_t n); /* behind bounds_facts, which runs again then; n: ids */
+bool bounds_hands_on_lean(const Inst *i);
+Lean bounds_lean(const Boxes *x, Builder *b, const Inst *i, const Boxed *a); /* of a row, from its arguments */
+Lean bounds_lean_input(const Boxes *x, Builder *b, uint32_t axis, Bound is);
+/* Of p < q, or p <= q, where both lean. */
+Bound bounds_lean_order(const Boxes *x, Builder *b, const Inst *i, const Boxed *a, Bound is);
+Lean bounds_lean_of(const Boxes *x, Builder *b, Boxed v);
+Lean bounds_lean_where(const Boxes *x, Builder *b, Inst *which, Boxed p, Boxed q); /* which ? p : q */
+Bound bounds_lean_meets(const Boxes *x, Builder *b, Bound is, Lean v);             /* what both say */
 
 /* variant_bounds_flow.c */
 void bounds_block(Boxes *x, Builder *b, const Block *from);

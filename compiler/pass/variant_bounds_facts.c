@@ -10,6 +10,7 @@ typedef struct Flow {
 static void add(Flow *f, const Inst *to, uint8_t fact) {
     bool error = f->x->wanted && f->x->wanted[to->id] && (to->type == TY_FLT || to->type == TY_ARRAY);
     if (!error) fact &= (uint8_t)~FACT_ERROR;
+    if (!f->x->leans || !f->x->leans[to->id] || to->type != TY_FLT) fact &= (uint8_t)~FACT_LEAN;
     if (fact & ~f->fact[to->id]) f->fact[to->id] |= fact, f->changed = true;
 }
 
@@ -55,7 +56,7 @@ static void flow(Flow *f, const Block *b, bool partly) {
         uint8_t fact = 0;
         switch ((Op)i->op) {
         case OP_input:
-            if (i->imm.i <= IN_X2) fact = FACT_WIDE | FACT_SLOPE;
+            if (i->imm.i <= IN_X2) fact = FACT_WIDE | FACT_SLOPE | (i->imm.i <= IN_X1 ? FACT_LEAN : 0);
             else if (i->imm.i <= IN_SAMPLE) fact = FACT_WIDE | FACT_OPEN;
             break;
         case OP_constf:
@@ -87,6 +88,7 @@ static void flow(Flow *f, const Block *b, bool partly) {
             for (uint32_t a = 0; a < i->nargs; a++) fact |= f->fact[i->args[a]->id];
             if (variant_is_site(i)) fact = f->fact[i->args[0]->id];
             if (i->op != OP_fmul && i->op != OP_fadd && i->op != OP_fsel) fact &= (uint8_t)~FACT_CAPTURE;
+            if (!bounds_hands_on_lean(i)) fact &= (uint8_t)~FACT_LEAN;
             if (rounds((Op)i->op)) fact |= FACT_ERROR;
             if (i->type != TY_FLT || is_rounding((Op)i->op)) fact &= (uint8_t)~FACT_SLOPE;
             if ((fact & FACT_WIDE) && (variant_is_site(i) || may_open((Op)i->op))) fact |= FACT_OPEN;

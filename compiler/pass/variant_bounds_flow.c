@@ -3,11 +3,15 @@
  * An if_ whose condition may differ within the box becomes two one-sided ones, of which both run where it does; one, if
  * a side only passes values through. A loop runs as long as it may go on somewhere; what it may have been left with
  * before is kept in an exit hull. */
+#include <string.h>
+
 #include "compiler/pass/variant_bounds.h"
 
 typedef Vec(Inst *) Insts;
 
 /* ---- a Boxed as the values that an operation yields or carries: lo, [hi], [open], [error] by its facts */
+
+enum { LEAN_PARTS = 4 };
 
 static void pack(Boxes *x, Builder *b, Insts *to, uint8_t fact, Boxed v) {
     if ((v.is.lo != v.is.hi && !(fact & FACT_WIDE)) || (v.open && !(fact & FACT_OPEN)))
@@ -16,10 +20,15 @@ static void pack(Boxes *x, Builder *b, Insts *to, uint8_t fact, Boxed v) {
     if (fact & FACT_WIDE) vec_push(x->arena, to, v.is.hi);
     if (fact & FACT_OPEN) vec_push(x->arena, to, v.open ? v.open : ir_consti(b, 0));
     if (fact & FACT_ERROR) vec_push(x->arena, to, v.error ? v.error : ir_constf(b, 0));
+    if (!(fact & FACT_LEAN)) return;
+    const Lean lean = bounds_lean_of(x, b, v);
+    Inst *const part[LEAN_PARTS] = {lean.mid, lean.slope[0], lean.slope[1], lean.rest};
+    for (uint32_t k = 0; k < LEAN_PARTS; k++) vec_push(x->arena, to, part[k] ? part[k] : ir_constf(b, 0));
 }
 
 static uint32_t packed(uint8_t fact) {
-    return 1u + (fact & FACT_WIDE ? 1u : 0u) + (fact & FACT_OPEN ? 1u : 0u) + (fact & FACT_ERROR ? 1u : 0u);
+    return 1u + (fact & FACT_WIDE ? 1u : 0u) + (fact & FACT_OPEN ? 1u : 0u) + (fact & FACT_ERROR ? 1u : 0u) +
+           (fact & FACT_LEAN ? (uint32_t)LEAN_PARTS : 0u);
 }
 
 static Boxed unpack_params(const Block *body, uint32_t *at, uint8_t fact) {
@@ -28,6 +37,10 @@ static Boxed unpack_params(const Block *body, uint32_t *at, uint8_t fact) {
     if (fact & FACT_WIDE) v.is.hi = body->params[(*at)++];
     if (fact & FACT_OPEN) v.open = body->params[(*at)++];
     if (fact & FACT_ERROR) v.error = body->params[(*at)++];
+    if (fact & FACT_LEAN) {
+        Inst *const *part = &body->params[*at];
+        v.lean = (Lean){part[0], {part[1], part[2]}, part[3]}, *at += LEAN_PARTS;
+    }
     return v;
 }
 
@@ -37,6 +50,11 @@ static Boxed unpack_results(Builder *b, Inst *op, uint32_t *at, uint8_t fact) {
     if (fact & FACT_WIDE) v.is.hi = ir_proj(b, op, (*at)++);
     if (fact & FACT_OPEN) v.open = ir_proj(b, op, (*at)++);
     if (fact & FACT_ERROR) v.error = ir_proj(b, op, (*at)++);
+    if (fact & FACT_LEAN) {
+        Inst *part[LEAN_PARTS];
+        for (uint32_t k = 0; k < LEAN_PARTS; k++) part[k] = ir_proj(b, op, (*at)++);
+        v.lean = (Lean){part[0], {part[1], part[2]}, part[3]};
+    }
     return v;
 }
 
@@ -45,6 +63,7 @@ static Boxed with_facts(Boxed v, uint8_t fact) {
     if (!(fact & FACT_WIDE)) v.is.hi = v.is.lo;
     if (!(fact & FACT_OPEN)) v.open = NULL;
     if (!(fact & FACT_ERROR)) v.error = NULL;
+    if (!(fact & FACT_LEAN)) v.lean = (Lean){0};
     return v;
 }
 
@@ -56,12 +75,13 @@ static Boxed zero(Builder *b, unsigned type) {
 static Boxed value_of(const Boxes *x, const Inst *v) { return x->value[v->id]; }
 
 /* which ? p : q, of bounds and sets */
-static Boxed choose(Builder *b, Inst *which, Boxed p, Boxed q) {
-    Boxed r;
+static Boxed choose(const Boxes *x, Builder *b, Inst *which, Boxed p, Boxed q) {
+    Boxed r = {0};
     r.is.lo = bounds_choose(b, which, p.is.lo, q.is.lo);
     r.is.hi = p.is.lo == p.is.hi && q.is.lo == q.is.hi ? r.is.lo : bounds_choose(b, which, p.is.hi, q.is.hi);
     r.open = p.open || q.open ? open_where(b, which, p.open, q.open) : NULL;
     r.error = error_where(b, which, p.error, q.error);
+    if (p.lean.mid || q.lean.mid) r.lean = bounds_lean_where(x, b, which, p, q);
     return r;
 }
 
@@ -71,6 +91,7 @@ static Boxed either(Builder *b, Boxed p, Boxed q, Inst *open, uint8_t fact) {
     Boxed r = {.error = error_larger(b, p.error, q.error)};
     bool same = p.is.lo == q.is.lo && p.is.hi == q.is.hi;
     r.is = same ? p.is : ir_bound_hull(b, p.is, q.is);
+    if (same && !memcmp(&p.lean, &q.lean, sizeof p.lean)) r.lean = p.lean;
     if (!(fact & FACT_CAPTURE)) {
         r.open = open_union(b, open, open_union(b, p.open, q.open));
         return r;
@@ -186,7 +207,7 @@ static Boxed joined(Boxes *x, Builder *b, const Results *t, uint32_t k) {
 
 /* The result `whole` where the condition surely leads to one side. One of the goal does not ask where it leads. */
 static Boxed unless_whole(Boxes *x, Builder *b, const Results *t, uint32_t k, Inst *wholly, Boxed whole, Boxed other) {
-    return k >= t->n && missing(x, t->proj[k]->args[0]) < 2 ? other : choose(b, wholly, whole, other);
+    return k >= t->n && missing(x, t->proj[k]->args[0]) < 2 ? other : choose(x, b, wholly, whole, other);
 }
 
 /* Values of one side for all results, under what its condition teaches. */
@@ -307,7 +328,7 @@ void bounds_loop(Boxes *x, Builder *b, const Inst *i) {
             Boxed before = unpack_params(in_body, &at, x->fact[p->id]);
             Boxed now = value_of(x, body->last->args[p->imm.i + 1]);
             Boxed both = either(&in, before, now, open, x->fact[p->id]);
-            Boxed kept = choose(&in, leaving, choose(&in, left, both, now), before);
+            Boxed kept = choose(x, &in, leaving, choose(x, &in, left, both, now), before);
             pack(x, &in, &out, x->fact[p->id], kept);
         }
     }

@@ -335,6 +335,8 @@ static void row_value(Boxes *x, Builder *b, const Inst *i) {
     }
     Boxed r = {.is = ir_bound_row(b, (Op)i->op, a, i->nargs, known_of_arguments(i))};
     r.is = bounds_mix(x, b, i, bounds_remainder(x, b, i, r.is));
+    if (i->op == OP_flt || i->op == OP_fle) r.is = bounds_lean_order(x, b, i, arg, r.is);
+    if (x->fact[i->id] & FACT_LEAN) r.lean = bounds_lean(x, b, i, arg), r.is = bounds_lean_meets(x, b, r.is, r.lean);
     Inst *own = own_open(x, b, i, a, r.is);
     if (own && !(x->fact[i->id] & FACT_OPEN)) ice(x->to->session, "%s may jump or bend", ir_ops[i->op].name);
     r.open = open_union(b, open, own);
@@ -400,12 +402,17 @@ static void take(Boxes *x, Builder *b, const Inst *i) {
     if (x->fact[i->id] & FACT_ERROR) v->error = ir_special(b, OP_take, TY_FLT, 0, NULL, place(x, i, behind + 1));
 }
 
+static void position(Boxes *x, Builder *b, const Inst *i) {
+    const uint32_t axis = (uint32_t)(i->imm.i - IN_X0);
+    const Bound is = {ir_input(b, (InputSlot)i->imm.i), ir_input(b, (InputSlot)(IN_H0 + axis))};
+    x->value[i->id] = (Boxed){.is = is};
+    if (x->fact[i->id] & FACT_LEAN) x->value[i->id].lean = bounds_lean_input(x, b, axis, is);
+}
+
 void bounds_value(Boxes *x, Builder *b, const Inst *i) {
     switch ((Op)i->op) {
     case OP_input:
-        if (i->imm.i <= IN_X2)
-            x->value[i->id] =
-                (Boxed){.is = {ir_input(b, (InputSlot)i->imm.i), ir_input(b, (InputSlot)(IN_H0 + i->imm.i - IN_X0))}};
+        if (i->imm.i <= IN_X2) position(x, b, i);
         else if (bounds_wide(x, i)) x->value[i->id] = unknown_value(b, i);
         else copy(x, b, i);
         return;

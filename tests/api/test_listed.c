@@ -5,6 +5,7 @@
 #include <stddef.h>
 
 #include <cmocka.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -122,6 +123,59 @@ static void lists_of_bounces(void **state) {
     slt_program_free(p);
 }
 
+/* Terms that follow the position in many ways, compared in a loop: what bounds leave out changes no pixel. */
+static uint32_t random_state;
+static uint32_t pick(uint32_t n) {
+    random_state = random_state * 1664525u + 1013904223u;
+    return (random_state >> 8) % n;
+}
+
+static void term(char *to, size_t size, uint32_t depth) {
+    static const char *const leaf[] = {"x.x", "x.y", "x.x", "x.y", "d[4 * i]", "d[4 * i + 1]", "0.7"};
+    char a[2000] = "", b[2000] = "";
+    if (!depth) {
+        snprintf(to, size, "%s", leaf[pick(7)]);
+        return;
+    }
+    term(a, sizeof a, depth - 1 - pick(depth));
+    term(b, sizeof b, depth - 1 - pick(depth));
+    switch (pick(8)) {
+    case 0: snprintf(to, size, "(%.900s + %.900s)", a, b); break;
+    case 1: snprintf(to, size, "(%.900s - %.900s)", a, b); break;
+    case 2:
+    case 3: snprintf(to, size, "(%.900s * %.900s)", a, b); break;
+    case 4: snprintf(to, size, "square(%.900s - d[4 * i + 2])", a); break;
+    case 5: snprintf(to, size, "(%.900s / (%.900s + 1.3))", a, b); break;
+    case 6: snprintf(to, size, "(%.900s / %.900s)", a, b); break;
+    default: snprintf(to, size, "sqrt(%.900s * %.900s + 0.1)", a, a); break;
+    }
+}
+
+static void random_terms(void **state) {
+    (void)state;
+    enum { SIDE = 160, PROGRAMS = 60, LEAN_TERM = 7000 };
+    uint32_t *x = calloc(SIDE * SIDE, sizeof *x), *y = calloc(SIDE * SIDE, sizeof *y), used = 0;
+    for (uint32_t n = 0; n < PROGRAMS; n++) {
+        static char t[3][2000], text[LEAN_TERM + 1000];
+        random_state = 977 * n + 5;
+        for (int k = 0; k < 3; k++) term(t[k], sizeof t[k], 4);
+        snprintf(text, sizeof text,
+                 DISCS "float square(float v) { return v * v; }\n[NoDisc] shader float3 main(float2 p) {\n"
+                       "float3 c = float3(0.0); float2 x = p * %d.0 - %d.0; for (int i = 0; i < 24; i++) {\n"
+                       "float u = %.2000s, v = %.2000s; if (u * u - v < d[4 * i + 3] - 0.8)\n"
+                       "{ c = float3(d[i], d[i + 1], frac(v)); if (v * %.2000s > 0.3) c.x = 0.5; } } return c; }",
+                 n % 3 ? 1 << pick(4) : 1000, n % 3 ? (int)pick(3) : 500, t[0], t[1], t[2]);
+        SltProgram *with = compile(text, n % 2), *without = compile(text, n % 2);
+        without->list_work = never, with->list_work = at_once;
+        shade(without, SIDE, SIDE, 1, x), shade(with, SIDE, SIDE, 1, y);
+        used += with->lists == LISTS_USED;
+        if (memcmp(x, y, SIDE * SIDE * sizeof *x)) fail_msg("program %u: other pixels\n%s", n, text);
+        slt_program_free(with), slt_program_free(without);
+    }
+    assert_true(used > PROGRAMS / 4);
+    free(x), free(y);
+}
+
 /* Samples of pixels, too, strip by strip of a tile (runtime/sample/narrow.h). */
 static void samples_of_pixels(void **state) {
     (void)state;
@@ -199,8 +253,8 @@ static void only_where_it_pays(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(same_bits), cmocka_unit_test(lists_of_bounces),
-                                       cmocka_unit_test(samples_of_pixels), cmocka_unit_test(parameters_move),
-                                       cmocka_unit_test(only_where_it_pays)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(same_bits),       cmocka_unit_test(lists_of_bounces),
+                                       cmocka_unit_test(random_terms),    cmocka_unit_test(samples_of_pixels),
+                                       cmocka_unit_test(parameters_move), cmocka_unit_test(only_where_it_pays)};
     return cmocka_run_group_tests_name("listed", tests, NULL, NULL);
 }
