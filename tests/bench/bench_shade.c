@@ -226,7 +226,7 @@ int main(int argc, char **argv) {
             if (!make_runner(&way[j], argv[1], names[k], d, (uint32_t)floats, out[j], &r[j])) return 1;
         for (int j = 0; j < n; j++) {
             for (int warm = 0; warm < 3; warm++) run(&r[j]); /* what pays only for several images is compiled by then */
-            double t = run(&r[j]);
+            double t = fmin(run(&r[j]), run(&r[j]));         /* one of them may still have compiled */
             r[j].times = t < 0.05 ? (int)ceil(0.05 / t) : 1;
         }
         for (int round = 0; round < ROUNDS; round++)
