@@ -5,7 +5,7 @@
 
 /* Compiling `bounds` takes about as long as shading so many samples takes, for each instruction of the program. */
 static const double worth = 1 << 26;
-enum { LEAST = 16 /* iterations */ };
+enum { LEAST = 16 /* iterations, as narrow.c */, LEAST_OF_PIXELS = 8 };
 
 /* To ask about a tile takes as long whatever its size is. */
 static bool is_large(const SltJob *job) {
@@ -22,8 +22,8 @@ bool api_lists_pay(SltProgram *p, double samples) {
     const Block *body = p->prog->primal->body;
     uint64_t n = 0;
     for (uint32_t i = 0; i < p->nlists; i++) n += p->list_counts[i];
-    if (n < LEAST || p->prog->dim != 2 || p->prog->ngeometries || p->scene.chunks || p->opt.interpret ||
-        api_too_many_sites(p) || ir_has(body, OP_print) /* which comes row by row */)
+    if (n < (p->opt.rgba8 ? LEAST_OF_PIXELS : LEAST) || p->prog->dim != 2 || p->prog->ngeometries || p->scene.chunks ||
+        p->opt.interpret || api_too_many_sites(p) || ir_has(body, OP_print) /* which comes row by row */)
         return false;
     p->list_work += samples * p->scene.work;
     return p->list_work >= worth * walk_size(body);

@@ -8,7 +8,12 @@
  * executions. Nothing but carried values may leave the body. Marks only: without a list nothing runs otherwise. */
 #include "compiler/pass/walk.h"
 
-enum { LEAST = 8 /* iterations that a list is worth */, MAX_STEPS = 4096 };
+enum {
+    LEAST = 8, /* iterations that a list is worth; */
+    LEAST_REPEATED = 4,
+    REPEATS = 4, /* in a loop of no more iterations, which images write out */
+    MAX_STEPS = 4096
+};
 
 /* v is to be the value of carried parameter p; without p, a boolean that is to be `value`. */
 typedef struct Goal {
@@ -147,12 +152,13 @@ static uint32_t lists(const Block *b) {
     return n;
 }
 
-static bool mark(const Fn *fn, Block *b, uint32_t *next) {
+static bool mark(const Fn *fn, Block *b, uint32_t least, uint32_t *next) {
     bool changed = false;
     for (Inst *i = b->first; i; i = i->next) {
         bool listed = i->op == OP_loop && walk_can_leave_out(fn, i);
-        for (uint32_t r = 0; r < i->nregions && !listed; r++) changed |= mark(fn, i->region[r], next);
-        if (!listed || i->imm.loop.cull || i->imm.loop.max_iters < LEAST || *next >= SLT_MAX_CULL) continue;
+        const uint32_t inside = i->op == OP_loop && i->imm.loop.max_iters <= REPEATS ? LEAST_REPEATED : least;
+        for (uint32_t r = 0; r < i->nregions && !listed; r++) changed |= mark(fn, i->region[r], inside, next);
+        if (!listed || i->imm.loop.cull || i->imm.loop.max_iters < least || *next >= SLT_MAX_CULL) continue;
         i->imm.loop.cull = i->imm.loop.found = true;
         i->imm.loop.cull_id = (*next)++;
         changed = true;
@@ -163,5 +169,5 @@ static bool mark(const Fn *fn, Block *b, uint32_t *next) {
 bool opt_lists(PassCtx *ctx, Fn *fn) {
     uint32_t next = lists(fn->body), promised = ctx->program ? ctx->program->ncull : 0;
     if (next < promised) next = promised;
-    return mark(fn, fn->body, &next);
+    return mark(fn, fn->body, LEAST, &next);
 }

@@ -123,6 +123,23 @@ static void lists_of_bounces(void **state) {
     slt_program_free(p);
 }
 
+/* In a loop of few iterations even four of an inner one are worth a list. */
+static void lists_of_few(void **state) {
+    (void)state;
+    char text[4000];
+    snprintf(text, sizeof text, "%s", bounces);
+    for (char *at = text; (at = strstr(at, "i < 40")); at++) memcpy(at, "i < 4 ", 6);
+    SltProgram *p = compile(text, false);
+    uint32_t *x = calloc(160 * 160, sizeof *x);
+    p->list_work = at_once;
+    shade(p, 160, 160, 1, x);
+    assert_int_equal(p->lists, LISTS_USED);
+    assert_int_equal(p->nlists, BOUNCES_LISTS);
+    free(x);
+    slt_program_free(p);
+    one_program(text, false);
+}
+
 /* Terms that follow the position in many ways, compared in a loop: what bounds leave out changes no pixel. */
 static uint32_t random_state;
 static uint32_t pick(uint32_t n) {
@@ -253,8 +270,9 @@ static void only_where_it_pays(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(same_bits),       cmocka_unit_test(lists_of_bounces),
-                                       cmocka_unit_test(random_terms),    cmocka_unit_test(samples_of_pixels),
-                                       cmocka_unit_test(parameters_move), cmocka_unit_test(only_where_it_pays)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(same_bits),         cmocka_unit_test(lists_of_bounces),
+                                       cmocka_unit_test(lists_of_few),      cmocka_unit_test(random_terms),
+                                       cmocka_unit_test(samples_of_pixels), cmocka_unit_test(parameters_move),
+                                       cmocka_unit_test(only_where_it_pays)};
     return cmocka_run_group_tests_name("listed", tests, NULL, NULL);
 }
