@@ -26,7 +26,7 @@ bool api_lists_pay(SltProgram *p, double samples) {
         p->opt.interpret || api_too_many_sites(p) || ir_has(body, OP_print) /* which comes row by row */)
         return false;
     p->list_work += samples * p->scene.work;
-    return p->list_work >= worth * walk_size(body);
+    return p->list_work >= worth * (p->opt.rgba8 ? variant_written_size(p->prog->primal) : walk_size(body));
 }
 
 bool api_wants_lists(SltProgram *p, const SltJob *job) {

@@ -85,6 +85,7 @@ Fn *variant_site(PassCtx *ctx, const Fn *primal);                            /* 
 const Fn *variant_written(PassCtx *ctx, const Fn *primal);
 /* Adds the lists that it will have. */
 void variant_written_lists(const Fn *primal, uint32_t counts[SLT_MAX_CULL], uint32_t *n);
+uint32_t variant_written_size(const Fn *primal);      /* its instructions */
 Fn *variant_seams(PassCtx *ctx, const Fn *primal);    /* a primal in which seams are sites too: of the three below */
 bool variant_is_flat(PassCtx *ctx, const Fn *seamed); /* does f change with the position by jumps alone? */
 Fn *variant_prune(PassCtx *ctx, const Fn *chunks);    /* F_LO F_HI; notes choices */

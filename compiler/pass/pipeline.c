@@ -222,13 +222,13 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
                       const AdOptions *ad, KernelSet *out) {
     const Fn *primal = variant_standing(p->primal, true), *shown = variant_standing(p->primal, false);
     VariantOptions variant = vo ? *vo : (VariantOptions){0};
-    if (variant.written) primal = shown = variant_written(ctx, shown);
+    const Fn *pictured = variant.written ? variant_written(ctx, shown) : shown;
     AdOptions wrt = ad ? *ad : (AdOptions){0};
     bool jumps = boundary_moves(ctx, p, wrt.wrt);
     memset(out, 0, sizeof *out);
 
     Fn *value = variant_value(ctx, shown);
-    if (needs[K_VALUE]) out->fn[K_VALUE] = value;
+    if (needs[K_VALUE]) out->fn[K_VALUE] = pictured == shown ? value : variant_value(ctx, pictured);
     bool boxes = needs[K_BOUNDS] || needs[K_EDGE] || needs[K_EDGE_BOUNDS] || needs[K_WRITTEN_BOUNDS];
     Fn *chunks = needs[K_PRUNED] || needs[K_PRUNE] || boxes ? variant_chunks(ctx, shown, &out->chunks) : NULL;
     if (chunks && needs[K_PRUNED]) out->fn[K_PRUNED] = variant_value(ctx, chunks);
@@ -251,7 +251,7 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
         if (needs[K_SIDES]) out->fn[K_SIDES] = variant_sides(ctx, primal, &variant);
         site_kernels(ctx, primal, needs, &variant, &wrt, out);
     }
-    box_kernels(ctx, primal, chunks, needs, variant.image, out);
+    box_kernels(ctx, variant.image && variant.written ? pictured : primal, chunks, needs, variant.image, out);
     if (needs[K_SIDES] && variant.cells && !out->fn[K_SIDES] && (out->nedges || !needs[K_EDGE]))
         out->fn[K_SIDES] = variant_sides(ctx, primal, &variant);
     for (int k = 0; k < K_KINDS; k++) {

@@ -40,6 +40,18 @@ void variant_written_lists(const Fn *primal, uint32_t counts[SLT_MAX_CULL], uint
     count_written(primal->body, counts, n);
 }
 
+static uint32_t size_written(const Block *b) {
+    uint32_t n = 0;
+    for (const Inst *i = b->first; i; i = i->next) {
+        const uint32_t times = is_written(i, SLT_MAX_CULL) ? i->imm.loop.max_iters : 1;
+        n += !ir_is_const(i) && i->op != OP_proj && i->op != OP_yield;
+        for (uint32_t r = 0; r < i->nregions; r++) n += times * size_written(i->region[r]);
+    }
+    return n;
+}
+
+uint32_t variant_written_size(const Fn *primal) { return size_written(primal->body); }
+
 /* In the order of count_lists. */
 static void number_lists(Block *b, uint32_t *next) {
     for (Inst *i = b->first; i; i = i->next) {

@@ -225,8 +225,10 @@ int main(int argc, char **argv) {
         for (int j = 0; j < n; j++)
             if (!make_runner(&way[j], argv[1], names[k], d, (uint32_t)floats, out[j], &r[j])) return 1;
         for (int j = 0; j < n; j++) {
-            for (int warm = 0; warm < 3; warm++) run(&r[j]); /* what pays only for several images is compiled by then */
-            double t = fmin(run(&r[j]), run(&r[j]));         /* one of them may still have compiled */
+            /* What pays only for several images is compiled by then; one more may still have compiled. */
+            double t = 0;
+            for (int warm = 0; warm < 40 && t < 0.3; warm++) t += run(&r[j]);
+            t = fmin(run(&r[j]), run(&r[j]));
             r[j].times = t < 0.05 ? (int)ceil(0.05 / t) : 1;
         }
         for (int round = 0; round < ROUNDS; round++)
