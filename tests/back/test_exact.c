@@ -265,6 +265,7 @@ static void quotients_of_kernels(void **state) {
         }
         x[0] = 0, x[1] = -0.0f, x[2] = INFINITY, x[3] = NAN, x[4] = FLT_MIN, x[5] = float_of(1), x[6] = FLT_MAX;
         assert_int_equal(wrong_quotients(r, x, true), 0);
+        back_free(m), back_free(r);
         session_destroy(s);
     }
 }
