@@ -219,9 +219,9 @@ static SltStatus compile_modules(SltProgram *p, Session *s, BackJob *jobs, uint3
 }
 
 CompiledModule *api_compile_module(SltProgram *p, Session *s, const KernelRequest *req, uint32_t n, uint64_t few,
-                                   uint64_t plain, unsigned level, uint32_t width, SltError *err) {
+                                   uint64_t plain, unsigned level, uint32_t lanes, SltError *err) {
     BackJob job = {.k = req, .n = n, .o = back_options(p, few, plain, level)};
-    if (width) job.o.width = width;
+    job.o.lanes = lanes;
     return compile_modules(p, s, &job, 1, err) == SLT_OK ? job.out : NULL;
 }
 

@@ -33,6 +33,7 @@ typedef enum BackPixels { BACK_FLOATS, BACK_PIXELS_RAW, BACK_PIXELS_SRGB } BackP
 typedef struct BackOptions {
     Target target;
     uint32_t width; /* lanes; 0: chosen kernel by kernel, from the program and the target */
+    uint32_t lanes; /* of these kernels, while rows of adjoints are those of `width`; 0: as that says */
     uint64_t few; /* bit by kernel: it is called for few samples at a time, and takes one vector a value; not where the
                      width is given */
     uint64_t plain; /* bit by kernel: compiled at level 0, since it is long and seldom run */

@@ -81,6 +81,43 @@ static void thrown_away(void **state) {
     }
 }
 
+/* Two vectors of SSE2 are 8 lanes, as many as it may have with --width: rows of adjoints are longer in the one case,
+ * and the guarded kernel has those of the one it stands for. One cache for all: what is in it fits who takes it. */
+static const char straight[] = "param float p[4] = { 0.1, 0.2, 0.3, 0.4 };\n"
+                               "[NoDisc] shader float main(float2 x) {\n"
+                               "    float z = sqrt(x.x - 0.5 + p[0]);\n"
+                               "    return x.x > 0.6 ? z * p[1] : p[2] * x.y + p[3]; }\n";
+
+static void every_width(void **state) {
+    (void)state;
+    static const char *const targets[] = {"sse2", "avx2", "avx512"};
+    static const uint32_t widths[] = {0, 4, 8, 16, 0, 8};
+    static Gradient want, got;
+    char folder[] = "/tmp/saltus-guarded-XXXXXX";
+    assert_non_null(mkdtemp(folder));
+    assert_int_equal(setenv("XDG_CACHE_HOME", folder, 1), 0);
+    for (int i = 0; i < 2 * 3 * 6; i++) {
+        SltOptions opt = SLT_OPTIONS_INIT;
+        SltProgram *p;
+        opt.f64 = i % 2, opt.target = targets[i / 12], opt.width = widths[i / 2 % 6];
+        const SltStatus st = slt_compile_string(straight, "straight.salt", &opt, &p);
+        if (st == SLT_OK) {
+            take_gradients(p, 1, i ? &got : &want);
+            for (int k = 0; k < 4 && i; k++) {
+                assert_true(fabs(got.integral[k] - want.integral[k]) < 1e-5 * fabs(want.integral[k]));
+                assert_true(fabs(got.loss[k] - want.loss[k]) < 1e-4 * fabs(want.loss[k]));
+            }
+        } else {
+            assert_int_equal(st, SLT_USAGE); /* not on this processor */
+        }
+        slt_program_free(p);
+    }
+    unsetenv("XDG_CACHE_HOME");
+    char command[64];
+    snprintf(command, sizeof command, "rm -rf %s", folder);
+    assert_int_equal(system(command), 0);
+}
+
 /* Nobody compiles what nothing asks for. */
 static void not_needed(void **state) {
     (void)state;
@@ -136,7 +173,7 @@ static void doubts(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(thrown_away), cmocka_unit_test(not_needed),
-                                       cmocka_unit_test(turns), cmocka_unit_test(doubts)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(thrown_away), cmocka_unit_test(every_width),
+                                       cmocka_unit_test(not_needed), cmocka_unit_test(turns), cmocka_unit_test(doubts)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -165,8 +165,10 @@ bool cache_key(Session *s, const KernelRequest *k, uint32_t n, const BackOptions
         size_t name = strlen(k[j].name) + 1;
         const uint32_t width = back_choose_width(k, j, o);
         for (Fn *fn = k[j].fn; fn; fn = fn->next_part) {
-            uint64_t facts[7] = {
-                fn->precision, fn->nfloats, fn->nints, ir_number(fn), width, fn->same, j < 64 && o->plain >> j & 1};
+            uint64_t facts[8] = {fn->precision, fn->nfloats,
+                                 fn->nints,     ir_number(fn),
+                                 width,         back_adjoint_lanes(o, (Precision)fn->precision),
+                                 fn->same,      j < 64 && o->plain >> j & 1};
             XXH3_128bits_update(state, k[j].name, name);
             XXH3_128bits_update(state, facts, sizeof facts);
             if (fn->serves) XXH3_128bits_update(state, fn->serves, fn->nsites);

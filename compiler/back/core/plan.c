@@ -208,7 +208,8 @@ static WidthChoice vectors(Fn *fn, const Target *t) {
 uint32_t back_register_lanes(const Target *t, Precision p) { return t->vector_bytes / (p == PREC_F64 ? 8 : 4); }
 
 WidthChoice back_width_choice(const KernelRequest *k, uint32_t j, const BackOptions *o) {
-    if (o->width) return (WidthChoice){.lanes = o->width, .why = WIDTH_GIVEN};
+    const uint32_t given = o->lanes ? o->lanes : o->width;
+    if (given) return (WidthChoice){.lanes = given, .why = WIDTH_GIVEN};
     WidthChoice c =
         j < 64 && o->few >> j & 1 ? (WidthChoice){.vectors = 1, .why = WIDTH_FEW} : vectors(k[j].fn, &o->target);
     c.lanes = c.vectors * back_register_lanes(&o->target, k[j].fn->precision);
