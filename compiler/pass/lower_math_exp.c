@@ -75,8 +75,9 @@ Inst *math_exp2(Gen *g, Inst *x, Inst *low_part, int clamp) {
 void math_split(Gen *g, Inst *x, Inst **m, Inst **e) {
     if (!g->f64) {
         const int32_t half_sqrt = 0x3f3504f3; /* bits of sqrt(1/2): subtracting them moves the binade's border there */
-        Inst *bits = op2(g, OP_isub, op1(g, OP_fasuint, x), int_num(g, half_sqrt));
-        *e = op1(g, OP_i2f, op2(g, OP_ishr, bits, int_num(g, 23)));
+        Inst *tiny = less(g, x, num(g, 0x1p-126)), *normal = sel(g, tiny, scale(g, x, 0x1p24), x);
+        Inst *bits = op2(g, OP_isub, op1(g, OP_fasuint, normal), int_num(g, half_sqrt));
+        *e = add(g, op1(g, OP_i2f, op2(g, OP_ishr, bits, int_num(g, 23))), sel(g, tiny, num(g, -24), num(g, 0)));
         *m = op1(g, OP_iasfloat, op2(g, OP_iadd, op2(g, OP_iand, bits, int_num(g, 0x7fffff)), int_num(g, half_sqrt)));
         return;
     }

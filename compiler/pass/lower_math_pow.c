@@ -98,13 +98,7 @@ static Inst *power_32(Gen *g, Inst *x, Inst *y) {
 Inst *math_pow(Gen *g, Inst *x, Inst *y) {
     if (!g->f64 && g->fma) return power_32(g, x, y);
     Inst *a = op1(g, OP_fabs, x), *inf = num(g, INFINITY), *zero = num(g, 0);
-    Inst *scaled = a, *tiny = NULL;
-    if (!g->f64) { /* math_split of f32 wants normal numbers */
-        tiny = less(g, a, num(g, 0x1p-126));
-        scaled = sel(g, tiny, scale(g, a, 0x1p24), a);
-    }
-    Inst *low, *log = log2_two(g, scaled, &low);
-    if (tiny) log = add(g, log, sel(g, tiny, num(g, -24), zero));
+    Inst *low, *log = log2_two(g, a, &low);
     Inst *finite = less(g, a, inf);
     log = sel(g, op2(g, OP_feq, a, zero), num(g, -INFINITY), log);
     log = sel(g, finite, log, a); /* inf, NaN */
