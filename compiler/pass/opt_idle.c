@@ -88,9 +88,13 @@ static Inst *clamped(const Inst *i) {
     return i->args[is_number(i->args[0], 0)];
 }
 
-/* A test for the loop's end is an if_ that yields what stands outside of it. */
+static bool is_result(const Inst *i, const Inst *of) { return i->op == OP_proj && i->args[0] == of; }
+
+/* A test for the loop's end is an if_ that yields what stands outside of it. One result: that moves where the if_ does.
+ */
 static bool is_choice(const Inst *i) {
-    return i->op == OP_if_ && ir_yield_of(i->region[0])->prev == NULL && ir_yield_of(i->region[1])->prev == NULL;
+    return i->op == OP_if_ && ir_yield_of(i->region[0])->prev == NULL && ir_yield_of(i->region[1])->prev == NULL &&
+           is_result(i->next, i) && !is_result(i->next->next, i);
 }
 
 /* Operand number a, with those of a choice's regions; NULL: there are no more. */

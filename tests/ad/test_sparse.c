@@ -236,6 +236,25 @@ TEST(idle_iterations) {
     }
 }
 
+/* Of a choice one result is asked for by what the clamp makes, the other by the loop's end: both stay behind it. */
+TEST(choices_stay_whole) {
+    PassCtx ctx = {.session = s, .has_fma = true};
+    Prog p = prog_begin(s, PREC_F64, PARAMS);
+    Inst *sum = cf(&p, 0), *x = input_x(&p, 0), *two[2] = {cf(&p, 0.5), cf(&p, 0.25)}, *swapped[2] = {two[1], two[0]},
+         **b = loop_begin(&p, 8, false, 1, &sum), *k = b[0], *r[2], *t, *next;
+    if_begin(&p, lt(&p, input_x(&p, 1), mul(&p, i2f_(&p, k), cf(&p, 0.1))));
+    if_else(&p, 2, two);
+    if_end(&p, 2, swapped, r);
+    t = mx(&p, sub(&p, x, par_at(&p, 0, 8, k)), cf(&p, 0));
+    next = add(&p, b[1], mul(&p, mul(&p, sine(&p, mul(&p, t, t)), root(&p, add(&p, t, r[0]))), mul(&p, t, t)));
+    loop_end(&p, lt(&p, next, mul(&p, r[1], cf(&p, 9))), 1, &next, &sum);
+    prog_end(&p, 1, &sum);
+    opt_idle(&ctx, p.fn);
+    assert_sound(p.fn);
+    Check c = {.x_lo = -1, .x_hi = 1, .p_lo = -1, .p_hi = 1};
+    check_ad(&p, &c);
+}
+
 /* Which adjoints are 0 hangs on the seeds of all rows, and mixes none of them. */
 TEST(rows_stay) {
     Prog p = prog_begin(s, PREC_F64, PARAMS);
@@ -258,8 +277,13 @@ TEST(rows_stay) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(oracles),          cmocka_unit_test(ties),      cmocka_unit_test(as_dense),
-        cmocka_unit_test(short_ones),       cmocka_unit_test(rows_stay), cmocka_unit_test(idle_iterations),
+        cmocka_unit_test(oracles),
+        cmocka_unit_test(ties),
+        cmocka_unit_test(as_dense),
+        cmocka_unit_test(short_ones),
+        cmocka_unit_test(rows_stay),
+        cmocka_unit_test(idle_iterations),
+        cmocka_unit_test(choices_stay_whole),
         cmocka_unit_test(without_adjoints),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
