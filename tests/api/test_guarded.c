@@ -4,6 +4,7 @@
 
 #include "bindings/c/api.h"
 #include "tests/api/program.h"
+#include "tests/scratch.h"
 
 /* What the choice throws away is a root of something negative over half of the domain: 0 * NaN without a guard. N: as
  * many parameters, of which the first two matter; above 32 sums are too many to be kept before each call. */
@@ -93,9 +94,7 @@ static void every_width(void **state) {
     static const char *const targets[] = {"sse2", "avx2", "avx512"};
     static const uint32_t widths[] = {0, 4, 8, 16, 0, 8};
     static Gradient want, got;
-    char folder[] = "/tmp/saltus-guarded-XXXXXX";
-    assert_non_null(mkdtemp(folder));
-    assert_int_equal(setenv("XDG_CACHE_HOME", folder, 1), 0);
+    assert_int_equal(setenv("XDG_CACHE_HOME", scratch, 1), 0);
     for (int i = 0; i < 2 * 3 * 6; i++) {
         SltOptions opt = SLT_OPTIONS_INIT;
         SltProgram *p;
@@ -112,10 +111,6 @@ static void every_width(void **state) {
         }
         slt_program_free(p);
     }
-    unsetenv("XDG_CACHE_HOME");
-    char command[64];
-    snprintf(command, sizeof command, "rm -rf %s", folder);
-    assert_int_equal(system(command), 0);
 }
 
 /* Nobody compiles what nothing asks for. */
@@ -175,5 +170,5 @@ static void doubts(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(thrown_away), cmocka_unit_test(every_width),
                                        cmocka_unit_test(not_needed), cmocka_unit_test(turns), cmocka_unit_test(doubts)};
-    return cmocka_run_group_tests(tests, NULL, NULL);
+    return cmocka_run_group_tests(tests, scratch_make, scratch_drop);
 }
